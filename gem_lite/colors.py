@@ -1,0 +1,32 @@
+"""Colour names, their RGB values, and CLIPort's seen / unseen sets."""
+
+from __future__ import annotations
+
+RGB: dict[str, tuple[int, int, int]] = {
+    "blue": (78, 121, 167),
+    "red": (255, 87, 89),
+    "green": (89, 169, 79),
+    "orange": (242, 142, 43),
+    "yellow": (237, 201, 72),
+    "purple": (176, 122, 161),
+    "pink": (255, 157, 167),
+    "cyan": (118, 183, 178),
+    "brown": (156, 117, 95),
+    "white": (255, 255, 255),
+    "gray": (186, 176, 172),
+}
+"""The tabletop's colours, 0-255, in the order in which distractors take them."""
+
+SEEN: tuple[str, ...] = ("blue", "red", "green", "yellow", "brown", "gray", "cyan")
+UNSEEN: tuple[str, ...] = ("blue", "red", "green", "orange", "purple", "pink", "white")
+NEW: tuple[str, ...] = tuple(name for name in UNSEEN if name not in SEEN)
+"""Colours that no demonstration ever names."""
+
+TABLE = (51, 51, 51)
+"""The dark grey sheet that marks the workspace."""
+
+
+def rgba(name: str) -> tuple[float, float, float, float]:
+    """A colour name as RGBA in [0, 1], the form PyBullet takes."""
+    r, g, b = RGB[name]
+    return r / 255, g / 255, b / 255, 1.0

@@ -1,0 +1,174 @@
+"""Planar poses, pixels and the sign of every angle: the only place where signs are decided.
+
+Conventions (they hold in the whole library):
+
+* Angles are radians, counter-clockwise seen from above (about world +z).
+* A pixel is ``(row, col)``. Rows of a height map grow with world -y, columns with world +x, so the
+  picture is the table seen from above and *not* mirrored: counter-clockwise in the picture is
+  counter-clockwise in the world.
+* Cell ``(i, j)`` has its centre at ``(i + 1/2, j + 1/2)`` pixels from the corner of the map. Functions
+  that take a *pixel* count from the centre of cell (0, 0), so the centre of cell (i, j) is ``(i, j)``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+
+def wrap(angle: float) -> float:
+    """The equivalent of ``angle`` (radians) in [-pi, pi)."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """An element of SE(2): position in metres, ``yaw`` in radians counter-clockwise from above."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """Composition: ``(a @ b)`` applies b in the frame of a."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.yaw + other.yaw)
+
+    def inverse(self) -> Pose2:
+        """The pose that undoes this one: ``p @ p.inverse()`` is the identity."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
+
+
+@dataclass(frozen=True)
+class Action:
+    """One pick and place. ``place.yaw`` is the gripper's *final world yaw*, not the relative angle."""
+
+    pick: Pose2
+    place: Pose2
+
+    @property
+    def delta(self) -> float:
+        """The paper's relative place angle: place orientation minus pick orientation, in [-pi, pi)."""
+        return wrap(self.place.yaw - self.pick.yaw)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The rectangle of the table that a height map covers, and the size of its cells (metres).
+
+    The default is CLIPort's table at 6.25 mm a pixel: 160 rows (y) by 80 columns (x).
+    """
+
+    x_min: float = 0.25
+    x_max: float = 0.75
+    y_min: float = -0.5
+    y_max: float = 0.5
+    z_max: float = 0.28
+    pixel: float = 0.00625
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of the height map."""
+        return round((self.y_max - self.y_min) / self.pixel), round((self.x_max - self.x_min) / self.pixel)
+
+    def to_pixel(self, x: float | np.ndarray, y: float | np.ndarray) -> tuple[float, float]:
+        """World metres to a continuous ``(row, col)``; a cell's centre comes out as whole numbers."""
+        return (self.y_max - y) / self.pixel - 0.5, (x - self.x_min) / self.pixel - 0.5
+
+    def to_world(self, row: float | np.ndarray, col: float | np.ndarray) -> tuple[float, float]:
+        """``(row, col)`` to world ``(x, y)`` in metres; the inverse of `to_pixel`."""
+        return self.x_min + (col + 0.5) * self.pixel, self.y_max - (row + 0.5) * self.pixel
+
+    def contains(self, x: float, y: float, margin: float = 0.0) -> bool:
+        """Whether ``(x, y)`` lies at least ``margin`` metres inside."""
+        return (
+            self.x_min + margin <= x < self.x_max - margin and self.y_min + margin <= y < self.y_max - margin
+        )
+
+    def nearest_cell(self, x: float, y: float) -> tuple[int, int]:
+        """The cell whose centre is nearest to ``(x, y)``. Raises ValueError outside the workspace."""
+        if not self.contains(x, y):
+            raise ValueError(f"x, y = {x:.3f}, {y:.3f} m lies outside the workspace {self}")
+        row, col = self.to_pixel(x, y)
+        return round(row), round(col)
+
+
+def quaternion(yaw: float) -> tuple[float, float, float, float]:
+    """The quaternion (x, y, z, w) of a turn by ``yaw`` about world +z."""
+    return 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+
+
+def angle_bins(count: int) -> np.ndarray:
+    """The ``count`` sampled angles 2 pi i / count, in radians."""
+    return 2 * math.pi * np.arange(count) / count
+
+
+def rotation_matrix(angle: float) -> np.ndarray:
+    """(2, 2): turns a pixel offset ``(row, col)`` counter-clockwise *in the picture* by ``angle``.
+
+    Rows point down, so in (row, col) order this is the familiar ``[[cos, -sin], [sin, cos]]``: a
+    quarter turn takes "right" (0, 1) to "up" (-1, 0).
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+@dataclass(frozen=True)
+class ImageMotion:
+    """A rigid motion of a whole picture: turn by ``angle`` about its centre, then shift (rows, cols).
+
+    It moves images (`warp`), pixels (`move`) and yaws (``yaw + angle``) together; a relative place
+    angle does not change under it.
+    """
+
+    angle: float
+    shift: tuple[float, float]
+
+    def move(self, pixel: tuple[float, float], shape: tuple[int, int]) -> tuple[float, float]:
+        """Where the content of ``pixel`` lands in a picture of ``shape`` (H, W)."""
+        centre = (np.array(shape) - 1) / 2
+        row, col = rotation_matrix(self.angle) @ (np.array(pixel) - centre) + centre + np.array(self.shift)
+        return float(row), float(col)
+
+    def warp(self, image: torch.Tensor, mode: str = "bilinear") -> torch.Tensor:
+        """Move a ``(B, C, H, W)`` image; what comes from outside is 0."""
+        return rotate_image(image, torch.tensor([self.angle]), self.shift, mode)
+
+
+def rotate_image(
+    image: torch.Tensor,
+    angles: torch.Tensor,
+    shift: tuple[float, float] = (0.0, 0.0),
+    mode: str = "bilinear",
+) -> torch.Tensor:
+    """Turn pictures counter-clockwise about their centre, then shift them by (rows, cols).
+
+    Args:
+        image: (B, C, H, W), or (1, C, H, W) to be turned by every angle.
+        angles: (B,) radians. A quarter turn equals ``torch.rot90(k=1)`` on square maps.
+        shift: (rows, cols) in pixels, the same for all.
+        mode: ``grid_sample`` interpolation.
+
+    Returns:
+        (B, C, H, W); outside is 0.
+    """
+    batch = max(len(image), len(angles))
+    _, channels, height, width = image.shape
+    angles = angles.to(image).expand(batch)
+    c, s = angles.cos()[:, None, None], angles.sin()[:, None, None]
+    # Pixel offsets from the centre, in pixels and not in normalised units: maps are not square.
+    row = torch.arange(height, device=image.device, dtype=image.dtype)[:, None] - (height - 1) / 2 - shift[0]
+    col = torch.arange(width, device=image.device, dtype=image.dtype)[None, :] - (width - 1) / 2 - shift[1]
+    # grid_sample asks where each output pixel comes from: the inverse turn.
+    from_row = c * row + s * col  # (B, H, W)
+    from_col = -s * row + c * col
+    scale = [2 / max(n - 1, 1) for n in (width, height)]
+    grid = torch.stack([from_col * scale[0], from_row * scale[1]], dim=-1)
+    return F.grid_sample(
+        image.expand(batch, channels, height, width), grid, mode=mode, padding_mode="zeros", align_corners=True
+    )

@@ -1,0 +1,1 @@
+"""The simulated table: PyBullet world, cameras, height map, gripper and tasks."""

@@ -1,0 +1,127 @@
+"""A floating suction tool: driven by a constraint, it collides, and really carries what it holds.
+
+All motions are counted in simulation steps; a motion that meets its budget stops where it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pybullet as p
+
+from gem_lite.se2 import Pose2, quaternion, wrap
+
+TIP_RADIUS, TIP_LENGTH = 0.005, 0.03
+PARKED = (0.0, 0.0, 0.6)
+"""Where the tool waits (m): outside every camera's line of sight to the table."""
+CLEARANCE = 0.2
+"""Height (m) at which the tool travels."""
+STRIDE = 0.003
+"""Metres per simulation step: faster, and the constraint lags behind by centimetres."""
+TURN = 0.03
+"""Radians per simulation step."""
+MOTION_STEPS = 1200
+"""Budget of one motion in simulation steps."""
+FORCE = 200.0
+
+
+class SuctionGripper:
+    """The tool of one world. ``held`` is the id of the body it carries, or None."""
+
+    def __init__(self, client: int) -> None:
+        self._client = client
+        shape = dict(radius=TIP_RADIUS, physicsClientId=client)
+        collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **shape)
+        visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=(0.1, 0.1, 0.1, 1), **shape)
+        self.id = p.createMultiBody(0.5, collision, visual, PARKED, physicsClientId=client)
+        self._drive = p.createConstraint(
+            self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), PARKED, physicsClientId=client
+        )
+        self._target, self._yaw = np.array(PARKED), 0.0
+        self._suction: int | None = None
+        self.held: int | None = None
+
+    @property
+    def yaw(self) -> float:
+        """The tool's yaw in the world (radians)."""
+        quat = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)[1]
+        return p.getEulerFromQuaternion(quat)[2]
+
+    def pick(self, pose: Pose2, movable: set[int]) -> bool:
+        """Reach above ``pose``, go down until the tip touches, suck, lift. True if something is held."""
+        self._travel(pose)
+        touched = self._descend(lambda: self._touching(self.id, without=set()))
+        for body in touched & movable:
+            self._attach(body)
+            break
+        self._rise()
+        return self.held is not None
+
+    def place(self, pose: Pose2) -> None:
+        """Carry what is held above ``pose``, go down until it touches something, let go, rise."""
+        self._travel(pose)
+        self._descend(lambda: self._touching(self.held, without={self.id}))
+        self._release()
+        self._rise()
+
+    def park(self) -> None:
+        """Let go of everything and leave the cameras' sight."""
+        self._release()
+        self._move(np.array(PARKED), 0.0)
+
+    def _attach(self, body: int) -> None:
+        tip = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
+        thing = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        position, turn = p.multiplyTransforms(*p.invertTransform(*tip), *thing)
+        self._suction = p.createConstraint(
+            self.id, -1, body, -1, p.JOINT_FIXED, (0, 0, 0), position, (0, 0, 0), turn, physicsClientId=self._client
+        )
+        p.changeConstraint(self._suction, maxForce=50, physicsClientId=self._client)
+        self.held = body
+
+    def _release(self) -> None:
+        if self._suction is not None:
+            p.removeConstraint(self._suction, physicsClientId=self._client)
+        self._suction = self.held = None
+
+    def _touching(self, body: int, without: set[int]) -> set[int]:
+        contacts = p.getContactPoints(bodyA=body, physicsClientId=self._client)
+        return {c[2] for c in contacts if c[8] <= 0} - without
+
+    def _travel(self, pose: Pose2) -> None:
+        self._rise()
+        # The shorter way round; the tool turns while it travels.
+        yaw = self._yaw + wrap(pose.yaw - self._yaw)
+        self._move(np.array([pose.x, pose.y, CLEARANCE]), yaw)
+
+    def _rise(self) -> None:
+        self._move(np.array([*self._target[:2], CLEARANCE]), self._yaw)
+
+    def _descend(self, touching) -> set[int]:
+        """Down in 1 mm strides until ``touching()`` names a body or the tip is on the table."""
+        floor = TIP_LENGTH / 2
+        for _ in range(MOTION_STEPS):
+            if found := touching():
+                return found
+            if self._target[2] <= floor:
+                return set()
+            self._advance(self._target - [0, 0, 0.001], self._yaw)
+        return set()
+
+    def _move(self, goal: np.ndarray, yaw: float) -> None:
+        for _ in range(MOTION_STEPS):
+            rest, turn = goal - self._target, yaw - self._yaw
+            distance = np.linalg.norm(rest)
+            if distance < 1e-6 and abs(turn) < 1e-6:
+                break
+            step = rest * min(1.0, STRIDE / max(distance, 1e-9))
+            self._advance(self._target + step, self._yaw + float(np.clip(turn, -TURN, TURN)))
+        for _ in range(10):
+            p.stepSimulation(physicsClientId=self._client)
+
+    def _advance(self, target: np.ndarray, yaw: float) -> None:
+        self._target, self._yaw = target, yaw
+        p.changeConstraint(
+            self._drive, target.tolist(), jointChildFrameOrientation=quaternion(yaw), maxForce=FORCE,
+            physicsClientId=self._client,
+        )  # fmt: skip
+        p.stepSimulation(physicsClientId=self._client)

@@ -1,0 +1,116 @@
+"""The fused, top-down height map: what a policy sees, made from camera views and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from gem_lite.se2 import Workspace
+from gem_lite.tabletop.cameras import View
+
+SAME_SURFACE = 0.008
+"""Points at most this far (metres) below the highest one of their cell share its surface."""
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """The table from above: ``rgb`` (H, W, 3) uint8, ``height`` (H, W) float32 metres.
+
+    Row 0 lies at ``workspace.y_max``; see `gem_lite.se2` for the conventions. ``seen`` (H, W) bool
+    tells which cells hold a camera's measurement; the others copy their nearest neighbour.
+    """
+
+    workspace: Workspace
+    rgb: np.ndarray
+    height: np.ndarray
+    seen: np.ndarray
+
+    def __post_init__(self) -> None:
+        shape = self.workspace.shape
+        if self.rgb.shape != (*shape, 3) or self.rgb.dtype != np.uint8:
+            raise ValueError(f"rgb must be uint8 {(*shape, 3)}, got {self.rgb.dtype} {self.rgb.shape}")
+        if self.height.shape != shape or self.height.dtype != np.float32:
+            raise ValueError(f"height must be float32 {shape}, got {self.height.dtype} {self.height.shape}")
+
+
+@dataclass(frozen=True)
+class PointLabels:
+    """The labelled point cloud of some views, sorted into the cells of a height map.
+
+    ``cell`` (P,) is the flat cell index of each kept point and ``on_top`` (P,) whether the point lies
+    on its cell's highest surface. ``kept[n]`` (H_n, W_n) marks view n's pixels inside the workspace.
+    """
+
+    workspace: Workspace
+    kept: tuple[np.ndarray, ...]
+    cell: np.ndarray
+    on_top: np.ndarray
+    height: np.ndarray
+
+    def project(self, labels: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Average per-pixel labels of the views over each cell's top surface.
+
+        Args:
+            labels: per view (H_n, W_n) or (H_n, W_n, C).
+
+        Returns:
+            The label map (H, W) or (H, W, C) float32 and ``seen`` (H, W) bool. Unseen cells copy
+            their nearest seen neighbour.
+        """
+        values = np.concatenate([label[kept] for label, kept in zip(labels, self.kept, strict=True)])[self.on_top]
+        cells, size = self.cell[self.on_top], np.prod(self.workspace.shape)
+        count = np.bincount(cells, minlength=size)
+        columns = values.reshape(len(values), -1).T
+        total = np.stack([np.bincount(cells, weights=column, minlength=size) for column in columns], axis=-1)
+        mean = (total / np.maximum(count, 1)[:, None]).reshape(*self.workspace.shape, *values.shape[1:])
+        seen = (count > 0).reshape(self.workspace.shape)
+        return _fill(mean.astype(np.float32), seen), seen
+
+
+def _fill(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    if seen.all() or not seen.any():
+        return image
+    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    return image[tuple(nearest)]
+
+
+def sort_points(views: Sequence[View], workspace: Workspace) -> PointLabels:
+    """Sort every view's pixels into the cells of ``workspace``; the highest surface of a cell wins."""
+    if not views:
+        raise ValueError("views is empty: a height map needs at least one RGB-D view")
+    kept, points = [], []
+    for view in views:
+        xyz = view.points()
+        x, y, z = np.moveaxis(xyz, -1, 0)
+        inside = (x >= workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y <= workspace.y_max)
+        inside &= (z > -0.02) & (z < workspace.z_max)
+        kept.append(inside)
+        points.append(xyz[inside])
+    x, y, z = np.concatenate(points).T
+    rows, cols = workspace.shape
+    row, col = workspace.to_pixel(x, y)
+    # A cell's centre is a whole number, so rounding finds the cell; clip what floats push over an edge.
+    row = np.clip(np.floor(row + 0.5).astype(np.int64), 0, rows - 1)
+    col = np.clip(np.floor(col + 0.5).astype(np.int64), 0, cols - 1)
+    cell = row * cols + col
+    top = np.full(rows * cols, -np.inf, np.float32)
+    np.maximum.at(top, cell, z)
+    seen = np.isfinite(top).reshape(rows, cols)
+    height = _fill(np.where(seen, np.maximum(top.reshape(rows, cols), 0), 0).astype(np.float32), seen)
+    return PointLabels(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
+
+
+def fuse_views(views: Sequence[View], workspace: Workspace, points: PointLabels | None = None) -> HeightMap:
+    """Fuse RGB-D views into one orthographic height map (Sec. 3, "top-down reconstruction").
+
+    Args:
+        views: RGB-D views of the table.
+        workspace: what to cover, and the cell size.
+        points: `sort_points` of the same arguments, where the caller has it already.
+    """
+    points = points or sort_points(views, workspace)
+    rgb, seen = points.project([view.rgb for view in views])
+    return HeightMap(workspace, np.round(rgb).astype(np.uint8), points.height, seen)

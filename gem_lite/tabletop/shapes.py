@@ -1,0 +1,222 @@
+"""Bodies for the table: meshes made with trimesh, bodies made with PyBullet.
+
+Every body's origin is its centre in x and y; its lowest point is at z = 0 of the mesh frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pybullet as p
+import trimesh
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+from shapely.geometry import Polygon, box
+from shapely.ops import unary_union
+
+from gem_lite.se2 import Pose2, quaternion
+
+BLOCK_SIZE = 0.04
+BOWL_RADIUS, BOWL_BASE_RADIUS, BOWL_HEIGHT, BOWL_WALL = 0.058, 0.045, 0.035, 0.006
+PIECE_SIZE, PIECE_HEIGHT = 0.06, 0.02
+
+
+@cache
+def bowl_mesh() -> trimesh.Trimesh:
+    """An open bowl: outer radius 58 mm at the rim, 45 mm at the base, 35 mm high."""
+    outer = [(0, 0), (BOWL_BASE_RADIUS, 0), (BOWL_RADIUS, BOWL_HEIGHT)]
+    inner = [(BOWL_RADIUS - BOWL_WALL, BOWL_HEIGHT), (BOWL_BASE_RADIUS - BOWL_WALL, 0.01), (0, 0.01)]
+    return trimesh.creation.revolve(np.array(outer + inner), sections=32)
+
+
+def _regular(count: int, radius: float, phase: float = np.pi / 2) -> Polygon:
+    angles = phase + 2 * np.pi * np.arange(count) / count
+    return Polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+def _star(points: int = 5, outer: float = 0.0318, inner: float = 0.0159) -> Polygon:
+    angles = np.pi / 2 + np.pi * np.arange(2 * points) / points
+    radii = np.where(np.arange(2 * points) % 2 == 0, outer, inner)
+    return Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+
+
+def _flower() -> Polygon:
+    angles = 2 * np.pi * np.arange(96) / 96
+    radii = 0.026 + 0.004 * np.cos(4 * angles)
+    return Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+
+
+def _heart() -> Polygon:
+    t = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    x = 16 * np.sin(t) ** 3
+    y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t)
+    return Polygon(np.stack([x, y], axis=1) * 0.06 / 34)
+
+
+def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
+    """The outline of a capital letter or digit, ``height`` metres tall, upright along +y."""
+    font = FontProperties(family="DejaVu Sans", weight="bold")
+    rings = [Polygon(ring) for ring in TextPath((0, 0), letter, size=1, prop=font).to_polygons()]
+    shape = rings[0]
+    for ring in rings[1:]:
+        shape = shape.symmetric_difference(ring)
+    x0, y0, x1, y1 = shape.bounds
+    shape = Polygon(shape.exterior, shape.interiors) if shape.geom_type == "Polygon" else shape
+    from shapely.affinity import scale, translate
+
+    return scale(translate(shape, -(x0 + x1) / 2, -(y0 + y1) / 2), height / (y1 - y0), height / (y1 - y0), origin=(0, 0))
+
+
+def outline(name: str) -> Polygon:
+    """The outline (metres, centred) of one of CLIPort's 20 kitting shapes, by its name in a sentence."""
+    if name.startswith("letter ") and name.endswith(" shape"):
+        return letter_outline(name.split()[1])
+    match name:
+        case "triangle":
+            return _regular(3, 0.035)
+        case "square":
+            return box(-0.03, -0.03, 0.03, 0.03)
+        case "plus":
+            return unary_union([box(-0.03, -0.01, 0.03, 0.01), box(-0.01, -0.03, 0.01, 0.03)])
+        case "diamond":
+            return Polygon([(0.0375, 0), (0, 0.03), (-0.0375, 0), (0, -0.03)])
+        case "pentagon":
+            return _regular(5, 0.03)
+        case "rectangle":
+            return box(-0.0375, -0.0225, 0.0375, 0.0225)
+        case "flower":
+            return _flower()
+        case "star":
+            return _star()
+        case "circle":
+            return _regular(48, 0.03)
+        case "ring":
+            return _regular(48, 0.03).difference(_regular(48, 0.0126))
+        case "hexagon":
+            return _regular(6, 0.03)
+        case "heart":
+            return _heart()
+    raise ValueError(f"no outline is named {name!r}; the names are {', '.join(SEEN_SHAPES + UNSEEN_SHAPES)}")
+
+
+SEEN_SHAPES = (
+    "letter R shape", "letter A shape", "triangle", "square", "plus", "letter T shape", "diamond",
+    "pentagon", "rectangle", "flower", "star", "circle", "letter G shape", "letter V shape",
+)  # fmt: skip
+UNSEEN_SHAPES = ("letter E shape", "letter L shape", "ring", "hexagon", "heart", "letter M shape")
+
+
+@cache
+def piece_mesh(name: str) -> trimesh.Trimesh:
+    """A kitting shape as a 20 mm thick piece."""
+    return trimesh.creation.extrude_polygon(outline(name), PIECE_HEIGHT)
+
+
+@cache
+def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
+    """An L of two arms, the corner at the lower left: unlike any of its own turns and mirror images."""
+    shape = unary_union([box(0, 0, size, arm), box(0, 0, arm, size)])
+    mesh = trimesh.creation.extrude_polygon(shape, height)
+    mesh.apply_translation([-size / 2, -size / 2, 0])
+    return mesh
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body on the table: its PyBullet id, the height of its origin when it rests, and whether it moves."""
+
+    id: int
+    rest_height: float
+    movable: bool
+
+
+def _visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
+    # Flat shading: every triangle brings its own three vertices and its face normal.
+    corners = mesh.triangles.reshape(-1, 3) - [0, 0, lower]
+    normals = np.repeat(mesh.face_normals, 3, axis=0)
+    return p.createVisualShape(
+        p.GEOM_MESH,
+        vertices=corners.tolist(),
+        indices=list(range(len(corners))),
+        normals=normals.tolist(),
+        uvs=np.zeros((len(corners), 2)).tolist(),
+        rgbaColor=color,
+        physicsClientId=client,
+    )
+
+
+def _create(client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool) -> Body:
+    body = p.createMultiBody(
+        baseMass=mass if movable else 0.0,
+        baseCollisionShapeIndex=collision,
+        baseVisualShapeIndex=visual,
+        basePosition=(pose.x, pose.y, z),
+        baseOrientation=quaternion(pose.yaw),
+        physicsClientId=client,
+    )
+    p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
+    return Body(body, z, movable)
+
+
+def add_box(
+    client: int, size: tuple[float, float, float], color: tuple[float, ...], pose: Pose2,
+    mass: float = 0.01, movable: bool = True,
+) -> Body:  # fmt: skip
+    """A box of ``size`` (x, y, z metres), resting on the table at ``pose``."""
+    half = [side / 2 for side in size]
+    collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
+    return _create(client, collision, visual, pose, half[2], mass, movable)
+
+
+def add_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
+    """CLIPort's 40 mm cube."""
+    return add_box(client, (BLOCK_SIZE,) * 3, color, pose)
+
+
+def add_mesh(
+    client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], pose: Pose2,
+    mass: float = 0.02, movable: bool = True,
+) -> Body:  # fmt: skip
+    """A mesh whose contact shape is its convex hull; it rests on the table at ``pose``."""
+    lower = mesh.extents[2] / 2
+    hull = mesh.convex_hull.vertices - [0, 0, lower]
+    collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
+    return _create(client, collision, _visual(client, mesh, color, lower), pose, lower, mass, movable)
+
+
+def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
+    """The L-block of `l_block_mesh`, made of two boxes, so that its notch is open to contact."""
+    half = [[0.05, 0.02, 0.02], [0.02, 0.03, 0.02]]
+    centres = [[0, -0.03, 0], [-0.03, 0.02, 0]]
+    collision = p.createCollisionShapeArray(
+        [p.GEOM_BOX] * 2, halfExtents=half, collisionFramePositions=centres, physicsClientId=client
+    )
+    return _create(client, collision, _visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
+
+
+def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) -> Body:
+    """A bowl that really holds things: 16 slanted wall boxes and a floor."""
+    sides, wall, floor = 16, BOWL_WALL, 0.01
+    slant = np.arctan2(BOWL_RADIUS - BOWL_BASE_RADIUS, BOWL_HEIGHT)
+    radius = (BOWL_RADIUS + BOWL_BASE_RADIUS) / 2 - wall / 2
+    half = [[wall / 2, radius * np.tan(np.pi / sides) * 1.1, BOWL_HEIGHT / 2 / np.cos(slant)]] * sides
+    positions, turns = [], []
+    for angle in 2 * np.pi * np.arange(sides) / sides:
+        positions.append([radius * np.cos(angle), radius * np.sin(angle), 0.0])
+        turns.append(p.getQuaternionFromEuler([0, slant, angle]))
+    disc = BOWL_BASE_RADIUS * 0.7
+    half.append([disc, disc, floor / 2])
+    positions.append([0, 0, floor / 2 - BOWL_HEIGHT / 2])
+    turns.append([0, 0, 0, 1])
+    collision = p.createCollisionShapeArray(
+        [p.GEOM_BOX] * (sides + 1),
+        halfExtents=half,
+        collisionFramePositions=positions,
+        collisionFrameOrientations=turns,
+        physicsClientId=client,
+    )
+    visual = _visual(client, bowl_mesh(), color, BOWL_HEIGHT / 2)
+    return _create(client, collision, visual, pose, BOWL_HEIGHT / 2, 0.1, movable)

@@ -1,0 +1,162 @@
+"""The PyBullet world: reset a task, observe it with three cameras, act in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pybullet as p
+
+from gem_lite import colors
+from gem_lite.se2 import Action, Pose2, Workspace
+from gem_lite.tabletop.cameras import CAMERAS, View, render
+from gem_lite.tabletop.gripper import SuctionGripper
+from gem_lite.tabletop.shapes import Body
+
+if TYPE_CHECKING:
+    from gem_lite.tabletop.tasks import Task
+
+RATE = 240
+"""Simulation steps per second."""
+SETTLE_STEPS = 4800
+"""Budget for the scene to come to rest, in simulation steps."""
+SETTLED_SPEED = 0.005
+"""A body slower than this (m/s) is at rest, as in CLIPort."""
+FLOOR_COLOR = (0.27, 0.28, 0.30, 1.0)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All that a policy gets to see: RGB-D views of the table. No mask, no pose, no render from above."""
+
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What an action led to. ``reward`` is the change of the task's score, in [-1, 1]."""
+
+    observation: Observation
+    reward: float
+    done: bool
+    grasped: bool
+
+
+class World:
+    """A table in a physics client of its own. Use as a context manager, or call `close`.
+
+    Args:
+        gui: open PyBullet's window; headless by default.
+        workspace: the part of the table that actions may touch.
+    """
+
+    def __init__(self, gui: bool = False, workspace: Workspace = Workspace()) -> None:
+        self.workspace = workspace
+        self.client = p.connect(p.GUI if gui else p.DIRECT)
+        self.bodies: list[Body] = []
+        self.steps_taken = 0
+        self._task: Task | None = None
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect the physics client. Safe to call twice."""
+        if self.client >= 0:
+            p.disconnect(self.client)
+            self.client = -1
+
+    @property
+    def task(self) -> Task:
+        """The task of the last `reset`. Raises RuntimeError before it."""
+        if self._task is None:
+            raise RuntimeError("the world has no task yet: call world.reset(task, seed) first")
+        return self._task
+
+    def clear(self) -> None:
+        """Empty the world but for table, floor and gripper."""
+        p.resetSimulation(physicsClientId=self.client)
+        p.setGravity(0, 0, -9.8, physicsClientId=self.client)
+        p.setTimeStep(1 / RATE, physicsClientId=self.client)
+        self.bodies = []
+        self._add_table()
+        self.gripper = SuctionGripper(self.client)
+
+    def reset(self, task: Task, seed: int) -> Observation:
+        """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
+        self.clear()
+        self._task, self.steps_taken = task, 0
+        task.reset(self, np.random.default_rng(seed))
+        self.settle()
+        return self.observe()
+
+    def _add_table(self) -> None:
+        w = self.workspace
+        centre = ((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+
+        def slab(half: tuple[float, float, float], top: float, color: tuple[float, ...], solid: bool) -> None:
+            common = dict(halfExtents=half, physicsClientId=self.client)
+            visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
+            collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
+            body = p.createMultiBody(0, collision, visual, (*centre, top - half[2]), physicsClientId=self.client)
+            p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
+
+        sheet = tuple(c / 255 for c in colors.TABLE)
+        slab(((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005), 0.0, (*sheet, 1.0), solid=False)
+        slab((3.0, 3.0, 0.05), 0.0, (0, 0, 0, 0), solid=True)
+        slab((3.0, 3.0, 0.0005), -0.1, FLOOR_COLOR, solid=False)
+
+    def add(self, body: Body) -> Body:
+        """Register a body that was made in this world's client."""
+        self.bodies.append(body)
+        return body
+
+    def pose(self, body: Body) -> tuple[Pose2, float]:
+        """Ground truth for experts, rewards and tests: planar pose and the height z of the origin."""
+        (x, y, z), quat = p.getBasePositionAndOrientation(body.id, physicsClientId=self.client)
+        return Pose2(x, y, p.getEulerFromQuaternion(quat)[2]), z
+
+    def settle(self) -> bool:
+        """Simulate until every movable body rests, within a budget of steps. True if all rest."""
+        movable = [body.id for body in self.bodies if body.movable]
+        for _ in range(SETTLE_STEPS // 10):
+            for _ in range(10):
+                p.stepSimulation(physicsClientId=self.client)
+            speeds = [p.getBaseVelocity(body, physicsClientId=self.client)[0] for body in movable]
+            if all(np.linalg.norm(speed) < SETTLED_SPEED for speed in speeds):
+                return True
+        return False
+
+    def observe(self) -> Observation:
+        """Take the three pictures."""
+        return Observation(tuple(render(self.client, camera)[0] for camera in CAMERAS))
+
+    def step(self, action: Action, watch: Callable[[str], None] | None = None) -> Step:
+        """Pick, place, let the scene settle, score it.
+
+        Args:
+            action: poses in the workspace; a pose outside raises ValueError.
+            watch: called with "picked" and "placed" at those moments, for pictures.
+        """
+        for name, pose in (("pick", action.pick), ("place", action.place)):
+            if not self.workspace.contains(pose.x, pose.y):
+                raise ValueError(f"action.{name} = {pose} lies outside the workspace {self.workspace}")
+        before = self.task.score(self)
+        grasped = self.gripper.pick(action.pick, {body.id for body in self.bodies if body.movable})
+        if watch:
+            watch("picked")
+        if grasped:
+            self.gripper.place(action.place)
+        self.gripper.park()
+        self.settle()
+        if watch:
+            watch("placed")
+        self.steps_taken += 1
+        score = self.task.score(self)
+        done = score > 0.99 or self.steps_taken >= self.task.max_steps
+        return Step(self.observe(), score - before, done, grasped)
