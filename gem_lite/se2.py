@@ -86,9 +86,7 @@ class Workspace:
 
     def contains(self, x: float, y: float, margin: float = 0.0) -> bool:
         """Whether ``(x, y)`` lies at least ``margin`` metres inside."""
-        return (
-            self.x_min + margin <= x < self.x_max - margin and self.y_min + margin <= y < self.y_max - margin
-        )
+        return self.x_min + margin <= x < self.x_max - margin and self.y_min + margin <= y < self.y_max - margin
 
     def nearest_cell(self, x: float, y: float) -> tuple[int, int]:
         """The cell whose centre is nearest to ``(x, y)``. Raises ValueError outside the workspace."""

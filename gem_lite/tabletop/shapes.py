@@ -13,6 +13,7 @@ import pybullet as p
 import trimesh
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
+from shapely import affinity
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
@@ -63,10 +64,8 @@ def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
     for ring in rings[1:]:
         shape = shape.symmetric_difference(ring)
     x0, y0, x1, y1 = shape.bounds
-    shape = Polygon(shape.exterior, shape.interiors) if shape.geom_type == "Polygon" else shape
-    from shapely.affinity import scale, translate
-
-    return scale(translate(shape, -(x0 + x1) / 2, -(y0 + y1) / 2), height / (y1 - y0), height / (y1 - y0), origin=(0, 0))
+    factor = height / (y1 - y0)
+    return affinity.scale(affinity.translate(shape, -(x0 + x1) / 2, -(y0 + y1) / 2), factor, factor, origin=(0, 0))
 
 
 def outline(name: str) -> Polygon:

@@ -1,0 +1,53 @@
+# Each target sets up its own environment in .venv and is safe to run again.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+NBVAL := --nbval-lax --nbval-current-env --nbval-sanitize-with tests/nbval_sanitize.cfg --nbval-cell-timeout=300
+
+.PHONY: help demo lab test check-python clean
+
+help:
+	@echo "make demo   set up, then watch a robot do what a sentence says (about 2 minutes after the installation)"
+	@echo "make lab    set up, then open the notebooks in JupyterLab"
+	@echo "make test   set up, then run ruff, the unit tests and every notebook"
+	@echo "make clean  remove the environment and what runs left behind"
+
+check-python:
+	@command -v $(PYTHON) >/dev/null 2>&1 || { \
+	  echo "gem_lite needs Python 3.11 or newer, and '$(PYTHON)' was not found. Install it, or name yours: make demo PYTHON=/path/to/python3.11"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "gem_lite needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) -V 2>&1). Name another: make demo PYTHON=/path/to/python3.11"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "'$(PYTHON)' cannot make virtual environments: install its venv package (on Debian and Ubuntu: python3-venv)."; exit 1; }
+
+$(READY): environment.txt pyproject.toml | check-python
+	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r environment.txt || { \
+	  echo "The installation failed: see the message above. Without a network or a package index it cannot work;"; \
+	  echo "if pybullet had to be compiled, install a C++ compiler and Python's headers (on Debian and Ubuntu: build-essential python3-dev)."; exit 1; }
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || { \
+	  echo "A package does not load: see the message above. It names the system library to install."; exit 1; }
+	@touch $(READY)
+
+demo: $(READY)
+	@echo "Running the quickstart: a sentence in, a placed block out."
+	@$(BIN)/python -m gem_lite.demo
+
+lab: $(READY)
+	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
+	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
+
+test: $(READY)
+	@echo "1/3 ruff"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@echo "2/3 unit tests"
+	@$(BIN)/python -m pytest tests
+	@echo "3/3 notebooks"
+	@$(BIN)/python -m pytest $(NBVAL) notebooks
+
+clean:
+	rm -rf $(VENV) runs .pytest_cache .ruff_cache *.egg-info

@@ -1,0 +1,121 @@
+"""The numbers that belong to one CLIP: the scale of its scores and its retrieval threshold.
+
+A real CLIP's cosines between a picture and a matching text lie near 0.3, another model's near 0.8. The
+maps are scaled by constants of the model in use, never by the minimum and maximum of the image at hand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from gem_lite import colors
+from gem_lite.config import LITE, Config
+
+if TYPE_CHECKING:
+    from gem_lite.clip import Clip
+
+SCENES = 8
+"""Calibration uses the first scenes of the validation split: no training and no test scene."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Linear scales that send the typical empty cell to 0 and the typical match to 1, and a threshold.
+
+    ``retrieval_threshold`` is the cosine above which two phrases mean the same (0.965 for OpenAI's
+    ViT-B/32 in the paper).
+    """
+
+    text_low: float
+    text_high: float
+    image_low: float
+    image_high: float
+    retrieval_threshold: float
+
+    def scale_text(self, cosine: np.ndarray) -> np.ndarray:
+        """Scale text-to-image cosines."""
+        return ((cosine - self.text_low) / (self.text_high - self.text_low)).astype(np.float32)
+
+    def scale_image(self, cosine: np.ndarray) -> np.ndarray:
+        """Scale image-to-image cosines."""
+        return ((cosine - self.image_low) / (self.image_high - self.image_low)).astype(np.float32)
+
+
+def calibrate(clip: Clip, config: Config = LITE, scenes: int = SCENES) -> Calibration:
+    """Measure a CLIP's numbers on validation scenes and on phrases in seen colours.
+
+    Low is the median of the unscaled maps, high the mean of their peaks, over the phrases of each
+    scene's own instruction. Three views are embedded a scene: seconds with the embedded CLIP, minutes
+    with a ViT-B/32 on a CPU.
+    """
+    from gem_lite import crop_memory, language, semantic_map
+    from gem_lite.tabletop import tasks
+    from gem_lite.tabletop.world import World
+
+    text_maps, image_maps = [], []
+    with World() as world:
+        for index in tqdm(range(scenes), desc=f"calibrating {clip.name}", unit="scene", leave=False):
+            task = tasks.make("put-block-in-bowl-seen-colors", "val")
+            views = world.reset(task, tasks.episode_seed("val", index)).views
+            scene = semantic_map.embed_scene(views, clip, config)
+            phrases, action = language.parse(task.instruction), task.expert(world).action
+            for phrase, pose in ((phrases.pick, action.pick), (phrases.place, action.place)):
+                words = clip.embed_texts([phrase])[0].cpu()
+                text_maps.append(scene.points.project([side.score(words) for side in scene.sides])[0])
+                crop = crop_memory.cut(scene.heightmap, pose, config.top_patch)
+                image_maps.append(scene.top.score(clip.embed_images(crop[None])[0].cpu()))
+
+    def low(maps: list[np.ndarray]) -> float:
+        return float(np.median(maps))
+
+    def high(maps: list[np.ndarray]) -> float:
+        return float(np.mean([m.max() for m in maps]))
+
+    return Calibration(low(text_maps), high(text_maps), low(image_maps), high(image_maps), retrieval_threshold(clip))
+
+
+def retrieval_threshold(clip: Clip) -> float:
+    """The cosine that best parts rewordings of a phrase from phrases of another colour or object."""
+    plain = [f"{color} {noun}" for color in colors.SEEN for noun in ("block", "bowl")]
+    reworded = [template.format(phrase) for phrase in plain for template in ("{}s", "the {}", "a {}")]
+    owner = np.repeat(np.arange(len(plain)), 3)
+    similarity = (clip.embed_texts(reworded) @ clip.embed_texts(plain).T).cpu().numpy()
+    same = owner[:, None] == np.arange(len(plain))
+    positive, negative = np.sort(similarity[same]), np.sort(similarity[~same])
+    edges = np.unique(similarity)
+    candidates = (edges[1:] + edges[:-1]) / 2
+    recall = 1 - np.searchsorted(positive, candidates) / len(positive)
+    rejection = np.searchsorted(negative, candidates) / len(negative)
+    balanced = recall + rejection
+    # Of all equally good thresholds, the middle one.
+    return float(np.mean(candidates[balanced >= balanced.max() - 1e-9]))
+
+
+def path_for(clip: Clip) -> Path:
+    """Where a CLIP's calibration is kept: beside the embedded model, in the user's cache for others."""
+    from gem_lite.clip import EMBEDDED
+
+    if clip.folder is not None and clip.folder.resolve() == EMBEDDED.resolve():
+        return EMBEDDED / "calibration.json"
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gem_lite"
+    return cache / f"calibration-{clip.fingerprint}.json"
+
+
+def load_or_measure(clip: Clip) -> Calibration:
+    """A CLIP's calibration from its file; measured and filed if there is none yet."""
+    from gem_lite.demonstrations import write_whole
+
+    path = path_for(clip)
+    if path.exists():
+        return Calibration(**json.loads(path.read_text()))
+    calibration = calibrate(clip)
+    write_whole(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
+    return calibration

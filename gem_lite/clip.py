@@ -1,0 +1,157 @@
+"""One frozen CLIP: a real one by name, a local folder, or the embedded one in data/clip-tabletop."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
+
+import transformers
+from transformers.image_processing_base import ImageProcessingMixin
+
+from gem_lite.calibration import Calibration, load_or_measure
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+EMBEDDED = DATA / "clip-tabletop"
+ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
+
+
+class Clip:
+    """A frozen image and text encoder with unit-length embeddings. Make one with `load`.
+
+    Attributes:
+        name: what was loaded; figures and results carry it.
+        dim: length of an embedding.
+        folder: the local folder with the model's files, if there is one.
+    """
+
+    def __init__(self, name: str, model: torch.nn.Module, tokenizer, preprocessing: dict, folder: Path | None) -> None:
+        self.name, self.folder = name, folder
+        self._model = model.eval().requires_grad_(False)
+        self._tokenizer = tokenizer
+        size = preprocessing.get("crop_size") or preprocessing["size"]
+        if isinstance(size, dict):
+            size = size.get("height") or size["shortest_edge"]
+        self._size = int(size)
+        self._mean = torch.tensor(preprocessing["image_mean"]).view(3, 1, 1) * 255
+        self._std = torch.tensor(preprocessing["image_std"]).view(3, 1, 1) * 255
+        self.dim = int(model.config.projection_dim)
+        self._texts: dict[str, torch.Tensor] = {}
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A short hash of the weights: tells two models apart whatever their names."""
+        digest = hashlib.sha256()
+        for name, value in sorted(self._model.state_dict().items()):
+            digest.update(name.encode() + value.cpu().float().numpy().tobytes())
+        return digest.hexdigest()[:16]
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The scale of this model's scores and its retrieval threshold, measured at first use."""
+        return load_or_measure(self)
+
+    @property
+    def parameter_count(self) -> int:
+        """How many numbers the model holds."""
+        return sum(parameter.numel() for parameter in self._model.parameters())
+
+    @property
+    def device(self) -> torch.device:
+        """Where the model lives."""
+        return next(self._model.parameters()).device
+
+    def to(self, device: str | torch.device) -> Clip:
+        """Move the model to a device."""
+        self._model.to(device)
+        self._texts.clear()
+        return self
+
+    @torch.inference_mode()
+    def embed_texts(self, phrases: Sequence[str]) -> torch.Tensor:
+        """Embed phrases; each is encoded once and remembered.
+
+        Returns:
+            (N, dim) float32, unit length.
+
+        Raises:
+            ValueError: an empty phrase.
+        """
+        if any(not phrase.strip() for phrase in phrases):
+            raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
+        new = [phrase for phrase in dict.fromkeys(phrases) if phrase not in self._texts]
+        if new:
+            tokens = self._tokenizer(new, padding=True, truncation=True, return_tensors="pt").to(self.device)
+            features = self._model.get_text_features(
+                input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
+            )
+            for phrase, feature in zip(new, _unit(features), strict=True):
+                self._texts[phrase] = feature
+        return torch.stack([self._texts[phrase] for phrase in phrases])
+
+    @torch.inference_mode()
+    def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 512) -> torch.Tensor:
+        """Embed a stack of equally large pictures.
+
+        Args:
+            images: (N, H, W, 3) uint8.
+
+        Returns:
+            (N, dim) float32, unit length.
+        """
+        images = torch.as_tensor(images)
+        if images.ndim != 4 or images.shape[-1] != 3 or images.dtype != torch.uint8:
+            raise ValueError(f"images must be (N, H, W, 3) uint8, got {tuple(images.shape)} {images.dtype}")
+        if len(images) == 0:
+            return torch.zeros(0, self.dim)
+        features = [
+            _unit(self._model.get_image_features(pixel_values=self._pixels(part))) for part in images.split(batch_size)
+        ]
+        return torch.cat(features)
+
+    def _pixels(self, images: torch.Tensor) -> torch.Tensor:
+        pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W)
+        if pixels.shape[-2:] != (self._size, self._size):
+            pixels = F.interpolate(pixels, (self._size, self._size), mode="bicubic", antialias=True).clamp(0, 255)
+        return (pixels - self._mean.to(pixels)) / self._std.to(pixels)
+
+
+def _unit(features: object) -> torch.Tensor:
+    # Newer transformers wrap the projected features in an output object.
+    tensor = features if isinstance(features, torch.Tensor) else features.pooler_output
+    return F.normalize(tensor.float(), dim=-1)
+
+
+def load(name_or_path: str | Path | None = None) -> Clip:
+    """Load a frozen CLIP through transformers.
+
+    Args:
+        name_or_path: a Hugging Face name such as ``openai/clip-vit-base-patch32`` (the paper's) or a
+            folder in that format. Without it, the environment variable GEM_LITE_CLIP decides; without
+            that, the embedded CLIP, which this project trained itself on rendered table scenes.
+
+    Raises:
+        OSError: the model is neither in the folder, nor in the local cache, nor to be reached.
+    """
+    name = str(name_or_path or os.environ.get(ENVIRONMENT_VARIABLE) or EMBEDDED)
+    try:
+        model = transformers.AutoModel.from_pretrained(name)
+        tokenizer = transformers.AutoTokenizer.from_pretrained(name)
+        preprocessing, _ = ImageProcessingMixin.get_image_processor_dict(name)
+    except (OSError, ValueError) as error:
+        raise OSError(
+            f"the CLIP {name!r} could not be loaded: no such folder, and not in the local cache or reachable.\n"
+            f"Give a folder that holds the model, connect once to download it, or unset {ENVIRONMENT_VARIABLE} "
+            "to use the embedded CLIP."
+        ) from error
+    folder = Path(name) if Path(name).is_dir() else None
+    label = "embedded clip-tabletop" if folder and folder.resolve() == EMBEDDED else name
+    return Clip(label, model, tokenizer, preprocessing, folder)

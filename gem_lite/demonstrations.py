@@ -1,0 +1,251 @@
+"""Expert demonstrations: collect, save, load, verify."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from gem_lite import language
+from gem_lite.se2 import Action, Pose2
+from gem_lite.tabletop import tasks
+from gem_lite.tabletop.cameras import Camera, View
+from gem_lite.tabletop.tasks import ExpertAction
+from gem_lite.tabletop.world import Observation, World
+
+SCHEMA = 1
+DEPTH_UNIT = 1e-4
+"""Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
+
+
+@dataclass(frozen=True)
+class DemonstrationStep:
+    """What the robot saw, was told and did: enough to recompute every map and label."""
+
+    observation: Observation
+    instruction: str
+    phrases: language.Phrases
+    expert: ExpertAction
+    grasped: bool
+    reward: float
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """One expert episode."""
+
+    task: str
+    split: str
+    seed: int
+    steps: tuple[DemonstrationStep, ...]
+
+
+def _quantized(observation: Observation) -> Observation:
+    """Depth as the files hold it, so that fresh and loaded demonstrations are equal."""
+    views = []
+    for view in observation.views:
+        depth = np.round(np.clip(view.depth / DEPTH_UNIT, 0, 65535)).astype(np.uint16)
+        views.append(dataclasses.replace(view, depth=depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
+    return Observation(tuple(views))
+
+
+def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> Demonstration:
+    """Let the expert do episode ``index`` of a split."""
+    task, seed = tasks.make(task_name, split), tasks.episode_seed(split, index)
+    observation = world.reset(task, seed)
+    steps = []
+    for _ in range(task.max_steps):
+        expert = task.expert(world)
+        if expert is None:
+            break
+        result = world.step(expert.action)
+        steps.append(
+            DemonstrationStep(
+                _quantized(observation), task.instruction, language.parse(task.instruction), expert,
+                result.grasped, result.reward,
+            )
+        )  # fmt: skip
+        observation = result.observation
+        if result.done:
+            break
+    return Demonstration(task_name, split, seed, tuple(steps))
+
+
+def collect(
+    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0
+) -> list[Demonstration]:
+    """Collect ``episodes`` successful expert episodes and save them; an episode that fails is skipped.
+
+    Raises:
+        ValueError: unknown task or split, or ``episodes`` below 1.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    tasks.make(task_name, split)
+    found: list[Demonstration] = []
+    index = start
+    with World() as world, tqdm(total=episodes, desc=f"{task_name} ({split})", unit="episode") as bar:
+        while len(found) < episodes:
+            demonstration = roll_out(world, task_name, split, index)
+            index += 1
+            if sum(step.reward for step in demonstration.steps) > 0.99:
+                found.append(demonstration)
+                bar.update()
+            else:
+                bar.write(f"episode {index - 1}: the expert failed, skipped")
+    save(found, folder)
+    return found
+
+
+def _png(image: np.ndarray) -> np.ndarray:
+    return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].reshape(-1)
+
+
+def _encode(demonstration: Demonstration) -> bytes:
+    arrays: dict[str, np.ndarray] = {}
+    steps = []
+    for i, step in enumerate(demonstration.steps):
+        for j, view in enumerate(step.observation.views):
+            arrays[f"rgb-{i}-{j}"] = _png(view.rgb[..., ::-1])
+            arrays[f"depth-{i}-{j}"] = _png(np.round(view.depth / DEPTH_UNIT).astype(np.uint16))
+        steps.append({
+            "instruction": step.instruction,
+            "phrases": dataclasses.asdict(step.phrases),
+            "expert": dataclasses.asdict(step.expert),
+            "grasped": step.grasped,
+            "reward": step.reward,
+            "cameras": [dataclasses.asdict(view.camera) for view in step.observation.views],
+        })  # fmt: skip
+    meta = {"task": demonstration.task, "split": demonstration.split, "seed": demonstration.seed, "steps": steps}
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _decode(content: bytes) -> Demonstration:
+    arrays = np.load(io.BytesIO(content))
+    meta = json.loads(arrays["meta"].tobytes())
+    steps = []
+    for i, step in enumerate(meta["steps"]):
+        views = []
+        for j, camera in enumerate(step["cameras"]):
+            camera = Camera(**{key: tuple(v) if isinstance(v, list) else v for key, v in camera.items()})
+            rgb = cv2.imdecode(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
+            depth = cv2.imdecode(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
+            views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
+        expert, action = step["expert"], step["expert"]["action"]
+        expert = ExpertAction(
+            Action(Pose2(**action["pick"]), Pose2(**action["place"])),
+            expert["pick_symmetry"],
+            expert["place_symmetry"],
+        )
+        steps.append(
+            DemonstrationStep(
+                Observation(tuple(views)), step["instruction"], language.Phrases(**step["phrases"]), expert,
+                step["grasped"], step["reward"],
+            )
+        )  # fmt: skip
+    return Demonstration(meta["task"], meta["split"], meta["seed"], tuple(steps))
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write to a temporary name, then rename: an interrupted run leaves the old file whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    partial.write_bytes(content)
+    os.replace(partial, path)
+
+
+def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
+    """Write one file an episode and, last, the manifest with their SHA-256 sums."""
+    files = {}
+    for number, demonstration in enumerate(demonstrations):
+        content = _encode(demonstration)
+        name = f"episode-{number:04d}.npz"
+        write_whole(folder / name, content)
+        files[name] = hashlib.sha256(content).hexdigest()
+    manifest = {"schema": SCHEMA, "task": demonstrations[0].task, "split": demonstrations[0].split, "files": files}
+    write_whole(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
+
+
+def read_manifest(folder: Path) -> dict:
+    """The manifest of a set. Raises FileNotFoundError or ValueError with what is wrong."""
+    path = Path(folder) / "manifest.json"
+    if not path.exists():
+        raise FileNotFoundError(f"{folder} holds no demonstrations: there is no manifest.json in it")
+    try:
+        manifest = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is cut off or no JSON: {error}") from error
+    if manifest.get("schema") != SCHEMA:
+        raise ValueError(f"{path} has schema {manifest.get('schema')!r}; this version reads schema {SCHEMA}")
+    return manifest
+
+
+def data_hash(folder: Path) -> str:
+    """One SHA-256 for a whole set, from its manifest."""
+    return hashlib.sha256(json.dumps(read_manifest(folder)["files"], sort_keys=True).encode()).hexdigest()
+
+
+def load(folder: Path) -> list[Demonstration]:
+    """Load and verify a set.
+
+    Raises:
+        FileNotFoundError: the folder, its manifest or one of its episodes is missing.
+        ValueError: another schema, or a file that is not what was saved (cut off, edited).
+    """
+    folder, found = Path(folder), []
+    for name, digest in read_manifest(folder)["files"].items():
+        path = folder / name
+        if not path.exists():
+            raise FileNotFoundError(f"the demonstration {path} is missing, though the manifest names it")
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise ValueError(f"the demonstration {path} is cut off or changed: its SHA-256 is not the manifest's")
+        try:
+            found.append(_decode(content))
+        except (KeyError, zipfile.BadZipFile) as error:
+            raise ValueError(f"the demonstration {path} lacks a part: {error}") from error
+    return found
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.demonstrations --help``."""
+    parser = argparse.ArgumentParser(
+        description="Collect or verify expert demonstrations.",
+        epilog="example: python -m gem_lite.demonstrations collect put-block-in-bowl-seen-colors data/demos/bowl-10",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    collecting = commands.add_parser("collect", help="let the expert do episodes and save them")
+    collecting.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
+    collecting.add_argument("folder", type=Path, help="where to save them")
+    collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
+    collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
+    verifying = commands.add_parser("verify", help="load a set and check every file's sum")
+    verifying.add_argument("folder", type=Path)
+    args = parser.parse_args()
+    try:
+        if args.command == "collect":
+            found = collect(args.task, args.episodes, args.folder, args.split)
+        else:
+            found = load(args.folder)
+    except (OSError, ValueError) as error:
+        parser.exit(2, f"{error}\n")
+    steps = sum(len(demonstration.steps) for demonstration in found)
+    print(f"{args.folder}: {len(found)} episodes, {steps} steps, data hash {data_hash(args.folder)[:12]}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,222 @@
+"""Measure a policy over episodes, and file the result as one row of data/results/*.jsonl."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from gem_lite import clip, colors, config
+from gem_lite.config import Config
+from gem_lite.demonstrations import write_whole
+from gem_lite.se2 import Action, Pose2, angle_bins
+from gem_lite.tabletop import tasks
+from gem_lite.tabletop.world import Observation, World
+from gem_lite.train import load_policy, read_card
+
+RESULTS = clip.DATA / "results"
+Actor = Callable[[World, Observation], Action | None]
+"""Chooses an action. Only experts look at the world; a policy's actor passes on the observation alone."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """The outcome of one episode: ``reward`` in [0, 1], and the two colours its sentence named."""
+
+    index: int
+    reward: float
+    steps: int
+    named_colors: tuple[str, str]
+
+
+def run_episode(world: World, actor: Actor, task_name: str, split: tasks.Split, index: int) -> Episode:
+    """One episode from reset to done."""
+    task = tasks.make(task_name, split)
+    observation = world.reset(task, tasks.episode_seed(split, index))
+    total, done = 0.0, False
+    while not done:
+        action = actor(world, observation)
+        if action is None:
+            break
+        step = world.step(action)
+        observation, total, done = step.observation, total + step.reward, step.done
+    return Episode(index, total, world.steps_taken, task.named_colors)
+
+
+def expert(world: World, _: Observation) -> Action | None:
+    """The scripted expert; it reads the simulator's truth."""
+    found = world.task.expert(world)
+    return found and found.action
+
+
+def rounded_expert(settings: Config) -> Actor:
+    """The expert, its action rounded to a configuration's pixels and angles: the best that a policy can do."""
+    workspace, bins = settings.workspace, angle_bins(settings.angles)
+
+    def nearest(angle: float) -> float:
+        return float(bins[round(angle / (2 * np.pi / settings.angles)) % settings.angles])
+
+    def actor(world: World, observation: Observation) -> Action | None:
+        action = expert(world, observation)
+        if action is None:
+            return None
+        pick, place = (workspace.to_world(*workspace.nearest_cell(p.x, p.y)) for p in (action.pick, action.place))
+        yaw = nearest(action.pick.yaw)
+        return Action(Pose2(*pick, yaw), Pose2(*place, yaw + nearest(action.delta)))
+
+    return actor
+
+
+def random_actor(settings: Config, seed: int) -> Actor:
+    """A pick and a place at uniformly random pixels and angles."""
+    rng, workspace, bins = np.random.default_rng(seed), settings.workspace, angle_bins(settings.angles)
+
+    def pose() -> Pose2:
+        cell = [rng.integers(length) for length in workspace.shape]
+        return Pose2(*workspace.to_world(*cell), float(rng.choice(bins)))
+
+    return lambda world, observation: Action(pose(), pose())
+
+
+def policy_actor(policy) -> Actor:
+    """A policy as an actor: it gets the camera views and the sentence, nothing else."""
+    return lambda world, observation: policy.act(observation, world.task.instruction)
+
+
+def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name: str | None, seed: int) -> Actor:
+    """The actor of a method's name: ``gem`` (from a checkpoint), ``expert``, ``expert-rounded``, ``random``."""
+    match method:
+        case "expert":
+            return expert
+        case "expert-rounded":
+            return rounded_expert(settings)
+        case "random":
+            return random_actor(settings, seed)
+        case "gem":
+            return policy_actor(load_policy(checkpoint, clip.load(clip_name)))
+    raise ValueError(f"method must be gem, expert, expert-rounded or random, got {method!r}")
+
+
+def _work(job: tuple[tuple, str, str, list[int]], counter=None) -> list[Episode]:
+    arguments, task_name, split, indices = job
+    torch.set_num_threads(1)
+    *fixed, seed = arguments
+    with World() as world:
+        found = []
+        for index in indices:
+            # A fresh actor seed an episode: the result does not depend on who ran what before.
+            if not found or fixed[0] == "random":
+                actor = make_actor(*fixed, seed + index)
+            found.append(run_episode(world, actor, task_name, split, index))
+    return found
+
+
+def evaluate(
+    method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
+    settings: Config = config.LITE, checkpoint: Path | None = None, clip_name: str | None = None,
+    processes: int | None = None,
+) -> list[Episode]:  # fmt: skip
+    """Run episodes ``start`` .. ``start + episodes - 1`` of a split, one process a core."""
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    tasks.make(task_name, split)
+    make_actor(method, settings, checkpoint, clip_name, 0)  # Errors surface here, not in a worker.
+    arguments = (method, settings, checkpoint, clip_name, start)
+    processes = min(processes or os.cpu_count() or 1, episodes)
+    indices = list(range(start, start + episodes))
+    size = max(1, min(5, episodes // processes))
+    jobs = [(arguments, task_name, split, indices[i : i + size]) for i in range(0, episodes, size)]
+    found: list[Episode] = []
+    with (
+        multiprocessing.get_context("spawn").Pool(processes) as pool,
+        tqdm(total=episodes, desc=f"{method} on {task_name}", unit="episode") as bar,
+    ):
+        for part in pool.imap(_work, jobs):
+            found += part
+            bar.update(len(part))
+            bar.set_postfix(mean=f"{100 * np.mean([e.reward for e in found]):.1f}")
+    return found
+
+
+def mean_and_interval(rewards: Sequence[float], seed: int = 0) -> tuple[float, tuple[float, float]]:
+    """Mean (0-100) and its 95 % interval, by bootstrap over episodes with 10,000 draws."""
+    values = 100 * np.asarray(rewards, float)
+    draws = np.random.default_rng(seed).choice(values, (10_000, len(values))).mean(axis=1)
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return round(float(values.mean()), 1), (round(float(low), 1), round(float(high), 1))
+
+
+def result_row(method: str, task_name: str, found: Sequence[Episode], subset: str, facts: dict) -> dict:
+    """One cell of a results table."""
+    mean, interval = mean_and_interval([episode.reward for episode in found])
+    return {
+        "method": method, "task": task_name, "subset": subset, "episodes": len(found),
+        "mean": mean, "ci95": list(interval), **facts, "date": datetime.now(UTC).date().isoformat(),
+    }  # fmt: skip
+
+
+def file_rows(rows: Sequence[dict], path: Path) -> None:
+    """Append rows to a JSON-lines file; an older row of the same cell is replaced."""
+    identity = ("method", "task", "subset", "demos", "seed", "config", "split", "start")
+
+    def key(row: dict) -> tuple:
+        return tuple(row.get(name) for name in identity)
+
+    old = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    new_keys = {key(row) for row in rows}
+    kept = [row for row in old if key(row) not in new_keys]
+    write_whole(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.evaluate --help``."""
+    parser = argparse.ArgumentParser(
+        description="Measure a policy over test episodes; prints the mean with its 95 % interval and files the row.",
+        epilog="example: python -m gem_lite.evaluate gem put-block-in-bowl-unseen-colors "
+        "--checkpoint data/gem-put-block-in-bowl.safetensors",
+    )
+    parser.add_argument("method", help="gem, expert, expert-rounded or random")
+    parser.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
+    parser.add_argument("--checkpoint", type=Path, help="for gem: the checkpoint to load")
+    parser.add_argument("--episodes", type=int, default=100, help="default 100")
+    parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
+    parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
+    parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "put-block-in-bowl.jsonl", help="results file")
+    args = parser.parse_args()
+    try:
+        if args.method == "gem" and args.checkpoint is None:
+            raise ValueError("gem needs --checkpoint")
+        card = read_card(args.checkpoint) if args.method == "gem" else {}
+        found = evaluate(
+            args.method, args.task, args.episodes, args.split, args.start,
+            checkpoint=args.checkpoint, clip_name=args.clip,
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        parser.exit(2, f"{error}\n")
+    facts = {
+        "split": args.split, "start": args.start,
+        "demos": card.get("demos"), "seed": card.get("seed"), "train_seconds": card.get("train_seconds"),
+        "config": card.get("config", {}).get("name", "lite"), "clip": card.get("clip", {}).get("name"),
+        "checkpoint_sha256": card.get("sha256"), "hardware": f"{os.cpu_count()} CPU cores",
+    }  # fmt: skip
+    rows = [result_row(args.method, args.task, found, "all", facts)]
+    both_new = [episode for episode in found if set(episode.named_colors) <= set(colors.NEW)]
+    if both_new:
+        rows.append(result_row(args.method, args.task, both_new, "both named colours new", facts))
+    for row in rows:
+        print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
+    file_rows(rows, args.out)
+
+
+if __name__ == "__main__":
+    main()

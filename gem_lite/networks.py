@@ -1,0 +1,157 @@
+"""The learned parts: residual U-Net, depth encoder, and the two kernel generators.
+
+No layer normalises over a picture: that would tie every pixel to the whole scene and break local
+equivariance.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+
+class ResidualBlock(nn.Module):
+    """Two 3 x 3 convolutions beside a 1 x 1 shortcut; the second starts at 0, so it starts as the shortcut."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1)
+        self.second = nn.Conv2d(outputs, outputs, 3, padding=1)
+        self.shortcut = nn.Conv2d(inputs, outputs, 1, stride=stride)
+        nn.init.zeros_(self.second.weight)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(B, inputs, H, W) to (B, outputs, H / stride, W / stride)."""
+        return F.relu(self.second(F.relu(self.first(x))) + self.shortcut(x))
+
+
+class UNet(nn.Module):
+    """The vision-language encoder A (Fig. 3): eight residual blocks, language at the bottleneck.
+
+    Four blocks with max-pooling halve the picture, four with bilinear upsampling bring it back; the
+    language vector is joined to every pixel of the bottleneck. H and W must be multiples of 16.
+    """
+
+    def __init__(self, inputs: int, outputs: int, language_dim: int, widths: Sequence[int]) -> None:
+        super().__init__()
+        ins = [inputs, *widths[:-1]]
+        self.down = nn.ModuleList(ResidualBlock(i, o) for i, o in zip(ins, widths, strict=True))
+        self.language = nn.Linear(language_dim, widths[-1])
+        self.bottleneck = nn.Conv2d(2 * widths[-1], widths[-1], 1)
+        ups = [*reversed(widths[:-1]), widths[0]]
+        below = [widths[-1], *ups[:-1]]
+        self.up = nn.ModuleList(
+            ResidualBlock(b + skip, o) for b, skip, o in zip(below, reversed(widths), ups, strict=True)
+        )
+        self.out = nn.Conv2d(widths[0], outputs, 1)
+
+    def forward(self, x: torch.Tensor, language: torch.Tensor) -> torch.Tensor:
+        """``x`` (B, inputs, H, W), ``language`` (B, D) to (B, outputs, H, W)."""
+        if x.shape[-1] % 16 or x.shape[-2] % 16:
+            raise ValueError(f"height and width must be multiples of 16, got {tuple(x.shape[-2:])}")
+        skips = []
+        for block in self.down:
+            skips.append(block(x))
+            x = F.max_pool2d(skips[-1], 2)
+        words = self.language(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])
+        x = F.relu(self.bottleneck(torch.cat([x, words], dim=1)))
+        for block in self.up:
+            x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+            x = block(torch.cat([x, skips.pop()], dim=1))
+        return self.out(x)
+
+
+class SemanticRefiner(nn.Module):
+    """Eq. 4's f_theta: a two-layer depth encoder joined to the raw map, then one linear layer per pixel."""
+
+    def __init__(self, channels: int, depth_features: int = 8) -> None:
+        super().__init__()
+        self.encoder = nn.Sequential(
+            nn.Conv2d(1, depth_features, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(depth_features, depth_features, 3, padding=1),
+            nn.ReLU(),
+        )
+        self.linear = nn.Conv2d(1 + depth_features, channels, 1)
+        # Start out as the raw map itself: learning begins from what CLIP says.
+        nn.init.normal_(self.linear.weight, std=0.02)
+        nn.init.ones_(self.linear.weight[:, :1])
+        nn.init.zeros_(self.linear.bias)
+
+    def forward(self, raw: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
+        """``raw`` and ``height`` (B, 1, H, W) to M (B, channels, H, W)."""
+        return self.linear(torch.cat([raw, self.encoder(height)], dim=1))
+
+
+class LanguageKernel(nn.Module):
+    """psi(language): a small U-Net from the expanded language vector to a kernel (A.1.2).
+
+    Two coordinate channels go in beside the language, since a picture that is the same everywhere
+    gives a convolution no place to start from. Strided layers keep odd sizes centred (17, 9, 5).
+    """
+
+    def __init__(self, size: int, channels: int, language_dim: int, widths: Sequence[int]) -> None:
+        super().__init__()
+        self.size = size
+        axis = torch.linspace(-1, 1, size)
+        self.register_buffer("coordinates", torch.stack(torch.meshgrid(axis, axis, indexing="ij"))[None])
+        self.language = nn.Linear(language_dim, widths[0])
+        self.first = ResidualBlock(widths[0] + 2, widths[0])
+        self.down = nn.ModuleList(ResidualBlock(i, o, stride=2) for i, o in pairwise(widths))
+        self.up = nn.ModuleList(ResidualBlock(o + i, i) for o, i in pairwise(reversed(widths)))
+        self.out = nn.Conv2d(widths[0], channels, 1)
+
+    def forward(self, language: torch.Tensor) -> torch.Tensor:
+        """(B, D) to (B, channels, size, size)."""
+        batch = len(language)
+        words = self.language(language)[:, :, None, None].expand(-1, -1, self.size, self.size)
+        x = self.first(torch.cat([words, self.coordinates.expand(batch, -1, -1, -1)], dim=1))
+        skips = []
+        for block in self.down:
+            skips.append(x)
+            x = block(x)
+        for block in self.up:
+            skip = skips.pop()
+            x = F.interpolate(x, size=skip.shape[-2:], mode="bilinear", align_corners=True)
+            x = block(torch.cat([x, skip], dim=1))
+        return self.out(x) / self.size
+
+
+class CropKernel(nn.Module):
+    """psi(crop): rotation-equivariant layers of e2cnn from an unrotated crop to a kernel (Fig. A3).
+
+    Input and output are trivial fields, so turning the crop turns the kernel: psi(T_g c) = T_g psi(c),
+    exactly for quarter turns and up to interpolation for the rest of C_8.
+    """
+
+    def __init__(self, inputs: int, channels: int, fields: int) -> None:
+        super().__init__()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            from e2cnn import gspaces
+            from e2cnn import nn as enn
+        space = gspaces.Rot2dOnR2(N=8)
+        self._wrap = enn.GeometricTensor
+        self._input = enn.FieldType(space, inputs * [space.trivial_repr])
+        hidden = enn.FieldType(space, fields * [space.regular_repr])
+        output = enn.FieldType(space, channels * [space.trivial_repr])
+        layers, previous = [], self._input
+        for _ in range(3):
+            layers += [enn.R2Conv(previous, hidden, 5, padding=2), enn.ReLU(hidden, inplace=True)]
+            previous = hidden
+        self.layers = enn.SequentialModule(*layers, enn.R2Conv(hidden, output, 5, padding=2))
+
+    def forward(self, crop: torch.Tensor) -> torch.Tensor:
+        """(B, inputs, h, h) to (B, channels, h, h)."""
+        return self.layers(self._wrap(crop, self._input)).tensor / crop.shape[-1]
+
+
+def parameter_count(module: nn.Module) -> int:
+    """Trainable parameters."""
+    return sum(math.prod(p.shape) for p in module.parameters() if p.requires_grad)

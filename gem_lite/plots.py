@@ -1,0 +1,146 @@
+"""Every figure's drawing. A function takes what is to be shown and returns a matplotlib Figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gem_lite.gem import Decision
+from gem_lite.se2 import Action, Pose2, Workspace, rotation_matrix
+from gem_lite.tabletop.cameras import View
+from gem_lite.tabletop.heightmap import HeightMap
+
+PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
+"""The paper's colours of the two grippers (Fig. 1), the only ones for pick and place in any figure."""
+MAP_COLORS = "inferno"
+
+
+def _bare(ax: Axes, title: str = "") -> Axes:
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_title(title, fontsize=9)
+    return ax
+
+
+def draw_gripper(ax: Axes, pose: Pose2, workspace: Workspace, color: str, label: str = "") -> None:
+    """A gripper from above: a cross at its pixel, the long arm along its yaw, a dot at that arm's end."""
+    row, col = workspace.to_pixel(pose.x, pose.y)
+    for turn, length in ((0, 0.045), (np.pi / 2, 0.02)):
+        # "Right" in the picture, turned counter-clockwise by the yaw.
+        drow, dcol = rotation_matrix(pose.yaw + turn) @ np.array([0, length / workspace.pixel])
+        ax.plot([col - dcol, col + dcol], [row - drow, row + drow], color=color, lw=1.6)
+        if turn == 0:
+            ax.plot(col + dcol, row + drow, "o", color=color, ms=3.5, label=label or None)
+
+
+def show_views(views: Sequence[View]) -> Figure:
+    """The cameras' pictures above their depth."""
+    fig, axes = plt.subplots(2, len(views), figsize=(3.4 * len(views), 5.0), layout="constrained")
+    for column, view in zip(axes.T, views, strict=True):
+        _bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
+        shown = _bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
+    fig.colorbar(shown, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
+    return fig
+
+
+def show_heightmap(heightmap: HeightMap, action: Action | None = None, title: str = "") -> Figure:
+    """The height map's colours and heights from above, with axes in metres, and the grippers of an action."""
+    w = heightmap.workspace
+    rows, cols = w.shape
+    fig, axes = plt.subplots(1, 2, figsize=(6.4, 5.6), layout="constrained")
+    axes[0].imshow(heightmap.rgb)
+    shown = axes[1].imshow(1000 * heightmap.height, cmap="viridis")
+    fig.colorbar(shown, ax=axes[1], label="height (mm)", shrink=0.8)
+    for ax, name in zip(axes, ("colour", "height"), strict=True):
+        if action is not None:
+            draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
+            draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
+            ax.legend(loc="lower right", fontsize=7)
+        x_ticks, y_ticks = np.arange(0.3, w.x_max, 0.2), np.arange(-0.4, w.y_max, 0.2)
+        ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
+        ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
+        ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+        ax.set_title(name, fontsize=9)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def action_map(logits: np.ndarray) -> np.ndarray:
+    """(R, H, W) logits to (H, W): the probability of each pixel at any angle, relative to the best pixel."""
+    weights = np.exp(logits - logits.max()).sum(axis=0)
+    return weights / weights.max()
+
+
+def show_decision(decision: Decision, clip_name: str) -> Figure:
+    """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
+    w = decision.heightmap.workspace
+    fig, axes = plt.subplots(2, 5, figsize=(10.5, 8.4), layout="constrained")
+    rows = (
+        ("pick", decision.phrases.pick, decision.pick_text, decision.pick_image, decision.pick_map,
+         decision.pick_logits, decision.action.pick, PICK_COLOR),
+        ("place", decision.phrases.place, decision.place_text, decision.place_image, decision.place_map,
+         decision.place_logits, decision.action.place, PLACE_COLOR),
+    )  # fmt: skip
+    for axs, (role, phrase, text, image, blend, logits, pose, color) in zip(axes, rows, strict=True):
+        _bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
+        _bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
+        if image is None:
+            _bare(axs[2], "image-conditioned map").text(
+                0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
+            )
+        else:
+            _bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
+        shown = _bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
+        _bare(axs[4], "action map, any angle").imshow(action_map(logits), cmap="viridis")
+        for ax in (axs[0], axs[4]):
+            draw_gripper(ax, pose, w, color)
+        fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9)
+    fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
+    return fig
+
+
+def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
+    """The logits of every angle at one pixel, on a circle; counter-clockwise as on the table."""
+    angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
+    values = logits[:, cell[1], cell[2]]
+    values = np.append(values, values[0]) - values.min()
+    fig, ax = plt.subplots(figsize=(3, 3), subplot_kw={"projection": "polar"}, layout="constrained")
+    ax.plot(angles, values, color=color)
+    ax.plot([angles[cell[0]]] * 2, [0, values.max()], color=color, lw=3, alpha=0.4)
+    ax.set_yticklabels([])
+    ax.set_title(title, fontsize=9)
+    return fig
+
+
+def show_story(pictures: Sequence[tuple[str, np.ndarray]], suptitle: str = "") -> Figure:
+    """A row of pictures (H, W, 3) with their titles."""
+    widths = [picture.shape[1] / picture.shape[0] for _, picture in pictures]
+    fig, axes = plt.subplots(
+        1, len(pictures), figsize=(3.2 * sum(widths) + 0.3, 3.6), width_ratios=widths, layout="constrained"
+    )
+    for ax, (title, picture) in zip(np.atleast_1d(axes), pictures, strict=True):
+        _bare(ax, title).imshow(picture)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> Figure:
+    """A still picture of a coloured point cloud (N, 3), (N, 3) uint8, with a frame at each named pose."""
+    fig = plt.figure(figsize=(8, 5.6), layout="constrained")
+    ax = fig.add_subplot(projection="3d", computed_zorder=False)
+    ax.scatter(*points.T, c=rgb / 255, s=1.2, depthshade=False, rasterized=True)
+    for name, pose in frames.items():
+        origin = np.array([pose.x, pose.y, 0.12])
+        for turn, color in ((0, "red"), (np.pi / 2, "green")):
+            arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
+            ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
+        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color="blue", lw=2.5, zorder=2)
+        ax.text(pose.x, pose.y, 0.15, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
+    ax.set(xlabel="x (m)", ylabel="y (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
+    ax.set_box_aspect((0.5, 1.0, 0.25))
+    ax.view_init(elev=40, azim=-30)
+    return fig

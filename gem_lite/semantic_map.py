@@ -1,0 +1,162 @@
+"""Patch-level semantic maps (Sec. 3.1): text-conditioned, image-conditioned, and their blend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from gem_lite.tabletop.cameras import View
+from gem_lite.tabletop.heightmap import HeightMap, PointLabels, fuse_views, sort_points
+
+if TYPE_CHECKING:
+    from gem_lite.clip import Clip
+    from gem_lite.config import Config
+    from gem_lite.crop_memory import CropMemory
+
+
+@dataclass(frozen=True)
+class PatchGrid:
+    """Where P cuts an (H, W) image: square patches of side ``patch`` every ``stride`` pixels.
+
+    Where the stride does not divide the image, one more row and column of patches reaches the border,
+    so every pixel is covered.
+    """
+
+    shape: tuple[int, int]
+    patch: int
+    stride: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.patch <= min(self.shape):
+            raise ValueError(f"patch must be in [1, {min(self.shape)}] for an image of {self.shape}, got {self.patch}")
+        if not 1 <= self.stride <= self.patch:
+            raise ValueError(f"stride must be in [1, patch = {self.patch}], got {self.stride}")
+
+    def starts(self) -> tuple[np.ndarray, np.ndarray]:
+        """First row of each row of patches, first column of each column of patches."""
+        found = []
+        for length in self.shape:
+            start = np.arange(0, length - self.patch + 1, self.stride)
+            last = length - self.patch
+            found.append(start if start[-1] == last else np.append(start, last))
+        return found[0], found[1]
+
+    def coverage(self) -> tuple[np.ndarray, np.ndarray]:
+        """(H, m) and (W, n) float32: 1 where a row (column) of pixels meets a row (column) of patches."""
+        matrices = []
+        for length, start in zip(self.shape, self.starts(), strict=True):
+            pixel = np.arange(length)[:, None]
+            matrices.append(((pixel >= start) & (pixel < start + self.patch)).astype(np.float32))
+        return matrices[0], matrices[1]
+
+
+def patchify(image: np.ndarray, grid: PatchGrid) -> np.ndarray:
+    """P of Eq. 1: an (H, W, C) image to its (m, n, patch, patch, C) patches, a view without copies."""
+    if image.shape[:2] != grid.shape:
+        raise ValueError(f"image must be {grid.shape} in height and width, got {image.shape}")
+    rows, cols = grid.starts()
+    windows = np.lib.stride_tricks.sliding_window_view(image, (grid.patch, grid.patch), axis=(0, 1))
+    return windows[np.ix_(rows, cols)].transpose(0, 1, 3, 4, 2)
+
+
+def unpatchify(scores: np.ndarray, grid: PatchGrid) -> np.ndarray:
+    """P⁻¹ of Eq. 1: (m, n) scores to (H, W), each pixel the mean of the patches that cover it."""
+    rows, cols = grid.coverage()
+    total = rows @ scores.astype(np.float32) @ cols.T
+    return total / (rows.sum(axis=1)[:, None] * cols.sum(axis=1)[None, :])
+
+
+@dataclass(frozen=True)
+class PatchEmbeddings:
+    """CLIP embeddings of an image's patches: (m, n, D) float32, unit length, 0 where ``wanted`` was False."""
+
+    grid: PatchGrid
+    values: torch.Tensor
+
+    def score(self, embedding: torch.Tensor) -> np.ndarray:
+        """Cosine of every patch with one embedding (D,), spread back over the pixels: (H, W)."""
+        return unpatchify((self.values @ embedding.to(self.values)).numpy(), self.grid)
+
+
+def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.ndarray | None = None) -> PatchEmbeddings:
+    """Embed the patches of an image in one batch.
+
+    Args:
+        image: (H, W, 3) uint8.
+        wanted: (H, W) bool; patches that meet no wanted pixel are skipped, since nobody will read them.
+    """
+    patches = patchify(image, grid)
+    chosen = np.ones(patches.shape[:2], bool)
+    if wanted is not None:
+        rows, cols = grid.coverage()
+        chosen = rows.T @ wanted.astype(np.float32) @ cols > 0
+    values = torch.zeros(*chosen.shape, clip.dim)
+    values[torch.from_numpy(chosen)] = clip.embed_images(patches[chosen]).cpu()
+    return PatchEmbeddings(grid, values)
+
+
+@dataclass(frozen=True)
+class SceneEmbedding:
+    """All that the maps of one scene share, whatever the phrase: computed once an observation."""
+
+    heightmap: HeightMap
+    points: PointLabels
+    sides: tuple[PatchEmbeddings, ...]
+    top: PatchEmbeddings
+
+
+def embed_scene(views: Sequence[View], clip: Clip, config: Config) -> SceneEmbedding:
+    """Fuse the views and embed the patches of each view and of the height map."""
+    points = sort_points(views, config.workspace)
+    heightmap = fuse_views(views, config.workspace, points)
+    sides = tuple(
+        embed_patches(view.rgb, PatchGrid(view.rgb.shape[:2], config.patch, config.stride), clip, kept)
+        for view, kept in zip(views, points.kept, strict=True)
+    )
+    return SceneEmbedding(heightmap, points, sides, embed_patches(heightmap.rgb, top_grid(config), clip))
+
+
+def top_grid(config: Config) -> PatchGrid:
+    """The patches of the height map: the same size in metres at every resolution."""
+    patch, stride = (round(length / config.pixel) for length in (config.top_patch, config.top_stride))
+    return PatchGrid(config.workspace.shape, patch, stride)
+
+
+def text_conditioned_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.ndarray:
+    """M_text (Eq. 1): every view's patches scored against a phrase, fused from above by point cloud.
+
+    Returns:
+        (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
+    """
+    embedding = clip.embed_texts([phrase])[0].cpu()
+    fused, _ = scene.points.project([side.score(embedding) for side in scene.sides])
+    return clip.calibration.scale_text(fused)
+
+
+def image_conditioned_map(
+    scene: SceneEmbedding, phrase: str, clip: Clip, memory: CropMemory | None, exclude_episode: int | None = None
+) -> np.ndarray | None:
+    """M_image (Eq. 2-3): the demonstrations' crop for this phrase against the height map's patches.
+
+    Args:
+        memory: crops to search; None means there are none.
+        exclude_episode: an episode whose crops must not be found (training's own).
+
+    Returns:
+        (H, W) float32 on the scale of `text_conditioned_map`, or None if no crop's phrase is near enough.
+    """
+    if memory is None:
+        return None
+    crop = memory.retrieve(clip.embed_texts([phrase])[0].cpu(), clip.calibration.retrieval_threshold, exclude_episode)
+    return None if crop is None else clip.calibration.scale_image(scene.top.score(crop))
+
+
+def fuse(text: np.ndarray, image: np.ndarray | None, w1: float, w2: float) -> np.ndarray:
+    """The weighted average of Eq. 4, before depth; the text map alone where there is no image map."""
+    if w1 < 0 or w2 < 0 or w1 + w2 == 0:
+        raise ValueError(f"w1 and w2 must not be negative nor both 0, got {w1} and {w2}")
+    return text if image is None else (w1 * text + w2 * image) / (w1 + w2)

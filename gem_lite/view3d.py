@@ -1,0 +1,60 @@
+"""3-D scenes in meshcat, kept inside the notebook so that they show in a stored copy too."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import meshcat
+import meshcat.geometry as geometry
+import meshcat.transformations as transformations
+import numpy as np
+from IPython.display import HTML
+
+from gem_lite.se2 import Pose2
+
+FRAME_HEIGHT = 0.12
+"""Frames float this high (m) above the table, so that no object hides them."""
+
+
+def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
+    """A point cloud (N, 3) metres with colours (N, 3) uint8, and a red-green-blue frame at each named pose.
+
+    Red is the frame's x (the gripper's yaw), green its y; blue points down at the table, as the tool does.
+    """
+    with contextlib.redirect_stdout(io.StringIO()):
+        scene = meshcat.Visualizer()
+    paint = (rgb.T / 255).astype(np.float32)
+    scene["cloud"].set_object(geometry.PointCloud(points.T.astype(np.float32), paint, size=0.006))
+    for name, pose in frames.items():
+        place = transformations.translation_matrix([pose.x, pose.y, FRAME_HEIGHT])
+        place = place @ transformations.rotation_matrix(pose.yaw, [0, 0, 1])
+        for axis, color, direction in (
+            ("x", 0xFF3030, [1, 0, 0]),
+            ("y", 0x30C030, [0, 1, 0]),
+            ("z", 0x3050FF, [0, 0, -1]),
+        ):
+            length = FRAME_HEIGHT if axis == "z" else 0.08
+            node = scene[name][axis]
+            node.set_object(geometry.Cylinder(length, 0.004), geometry.MeshLambertMaterial(color=color))
+            # meshcat's cylinders lie along y.
+            turn = transformations.rotation_matrix(*_turn_y_to(np.array(direction, float)))
+            shift = transformations.translation_matrix(np.array(direction) * length / 2)
+            node.set_transform(place @ shift @ turn)
+    scene["/Cameras/default"].set_transform(transformations.translation_matrix([0.5, 0, 0]))
+    scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9, 0.9, 0.0])
+    scene["/Grid"].set_property("visible", False)
+    return scene
+
+
+def _turn_y_to(direction: np.ndarray) -> tuple[float, np.ndarray]:
+    axis = np.cross([0, 1, 0], direction)
+    norm = np.linalg.norm(axis)
+    if norm < 1e-9:
+        return 0.0, np.array([1.0, 0, 0])
+    return float(np.arctan2(norm, direction[1])), axis / norm
+
+
+def embed(scene: meshcat.Visualizer, height: int = 420) -> HTML:
+    """The scene as HTML that needs no running server: drag to turn, scroll to zoom."""
+    return scene.render_static(height)

@@ -1,0 +1,59 @@
+"""Fixtures that several test modules share. Nothing here may reach the network or the user's caches."""
+
+import os
+import tempfile
+
+# Before any import that reads them.
+_CACHE = tempfile.TemporaryDirectory(prefix="gem-lite-tests-")
+os.environ["HF_HUB_OFFLINE"] = "1"
+os.environ["XDG_CACHE_HOME"] = _CACHE.name
+
+import pytest  # noqa: E402
+
+from gem_lite import demonstrations  # noqa: E402
+from gem_lite.tabletop.world import World  # noqa: E402
+
+
+class StagedTask:
+    """A task whose scene and score a test gives: ``builders`` take a client and return a Body."""
+
+    instruction = ""
+
+    def __init__(self, builders, score, max_steps):
+        self.builders, self.given_score, self.max_steps = builders, score, max_steps
+        self.bodies = []
+
+    def reset(self, world, rng):
+        self.bodies = [world.add(build(world.client)) for build in self.builders]
+
+    def score(self, world):
+        return self.given_score([world.pose(body) for body in self.bodies])
+
+    def expert(self, world):
+        return None
+
+
+@pytest.fixture(scope="session")
+def world():
+    """One world for all: a test lays out its own scene in it, with `stage` or `World.reset`."""
+    with World() as shared:
+        yield shared
+
+
+@pytest.fixture(scope="session")
+def stage(world):
+    """``stage(build, ..., score=..., max_steps=...)`` lays bodies out and returns (bodies, observation)."""
+
+    def lay_out(*builders, score=lambda poses: 0.0, max_steps=10):
+        task = StagedTask(builders, score, max_steps)
+        observation = world.reset(task, seed=0)
+        return task.bodies, observation
+
+    return lay_out
+
+
+@pytest.fixture(scope="session")
+def demo_set(tmp_path_factory):
+    """(folder, demonstrations): two saved expert episodes. Copy the folder before damaging it."""
+    folder = tmp_path_factory.mktemp("demos") / "bowl-2"
+    return folder, demonstrations.collect("put-block-in-bowl-seen-colors", 2, folder)

@@ -1,0 +1,187 @@
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from gem_lite import networks
+from gem_lite.augment import Sample, apply, random_motion
+from gem_lite.config import LITE, PAPER, Config
+from gem_lite.gem import PickModule, PlaceModule, crop_at
+from gem_lite.networks import CropKernel, LanguageKernel, UNet
+from gem_lite.se2 import ImageMotion
+from gem_lite.train import cross_entropy, right_bins
+
+D = 16
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12
+)
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(0)
+
+
+def disturb(module: torch.nn.Module) -> torch.nn.Module:
+    """Random weights everywhere, also where training starts from 0."""
+    for parameter in module.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    return module.eval()
+
+
+def test_shapes_of_both_modules():
+    rgbd, semantic, words = torch.randn(2, 4, 32, 16), torch.randn(2, 1, 32, 16), torch.randn(2, D)
+    assert PickModule(SMALL, D)(rgbd, semantic, words).shape == (2, 12, 32, 16)
+    crop = torch.randn(2, 5, SMALL.crop, SMALL.crop)
+    assert PlaceModule(SMALL, D)(rgbd, semantic, words, crop).shape == (2, 12, 32, 16)
+
+
+def test_unet_refuses_sizes_that_do_not_halve():
+    with pytest.raises(ValueError, match="multiples of 16"):
+        UNet(4, 3, D, (4, 4, 4, 4))(torch.zeros(1, 4, 40, 16), torch.zeros(1, D))
+
+
+def test_unet_shift_equivariance_by_its_stride():
+    # Four poolings: exact for shifts by 16 pixels, away from the borders, and in general not for others.
+    # The net's view reaches far, so the content sits in the middle of a wide empty picture.
+    net = disturb(UNet(1, 2, D, (3, 3, 3, 3)))
+    words = torch.randn(1, D)
+    image = torch.zeros(1, 1, 320, 32)
+    image[..., 150:160, 10:20] = torch.rand(10, 10)
+
+    def error(shift: int) -> float:
+        inside = slice(130, 190)
+        moved = net(image.roll(shift, dims=2), words).roll(-shift, dims=2)
+        plain = net(image, words)
+        return float(((moved - plain)[..., inside, :]).abs().max() / plain[..., inside, :].abs().max())
+
+    assert error(16) < 1e-5
+    assert error(5) > 1e-3
+
+
+def test_language_reaches_the_encoder_and_the_kernel():
+    one, two = torch.randn(2, 1, D)
+    net, kernel = disturb(UNet(1, 1, D, (4, 4, 4, 4))), disturb(LanguageKernel(9, 3, D, (4, 8, 8)))
+    image = torch.randn(1, 1, 32, 32)
+    assert not torch.allclose(net(image, one), net(image, two))
+    assert kernel(one).shape == (1, 3, 9, 9)
+    assert not torch.allclose(kernel(one), kernel(two))
+
+
+def test_place_kernel_turns_with_its_crop():
+    # psi(T_g c) = T_g psi(c), exact at quarter turns; this pins e2cnn's sense of rotation to ours.
+    kernel = disturb(CropKernel(5, 3, 2))
+    crop = torch.randn(1, 5, 17, 17)
+    for turns in (1, 2, 3):
+        turned = kernel(torch.rot90(crop, turns, dims=(-2, -1)))
+        expected = torch.rot90(kernel(crop), turns, dims=(-2, -1))
+        assert torch.allclose(turned, expected, atol=1e-5 * float(expected.abs().max()) + 1e-6)
+    assert not torch.allclose(kernel(torch.rot90(crop, 1, dims=(-2, -1))), torch.rot90(kernel(crop), 3, dims=(-2, -1)))
+
+
+def best_cell(logits: torch.Tensor) -> tuple[int, int, int]:
+    angle, rest = divmod(int(logits[0].argmax()), logits.shape[-2] * logits.shape[-1])
+    return angle, *divmod(rest, logits.shape[-1])
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_place_is_bi_equivariant(turns):
+    # Eq. 6, the head alone: turning the object (crop) by g2 turns the best relative angle by -g2 and moves
+    # nothing; turning the goal by g1 turns position and angle by g1.
+    head = disturb(PlaceModule(SMALL, D))
+    crop, features = torch.randn(1, 5, 17, 17), torch.randn(1, 3, 33, 33)
+    quarter = SMALL.angles // 4
+    before = head.score(features, head.kernel(crop))
+    object_turned = head.score(features, head.kernel(torch.rot90(crop, turns, dims=(-2, -1))))
+    assert torch.allclose(object_turned, before.roll(-quarter * turns, dims=1), atol=1e-4 * float(before.abs().max()))
+    goal_turned = head.score(torch.rot90(features, turns, dims=(-2, -1)), head.kernel(crop))
+    expected = torch.rot90(before, turns, dims=(-2, -1)).roll(quarter * turns, dims=1)
+    assert torch.allclose(goal_turned, expected, atol=1e-4 * float(before.abs().max()))
+    assert best_cell(goal_turned)[0] == (best_cell(before)[0] + quarter * turns) % SMALL.angles
+
+
+def test_pick_head_follows_a_turned_scene():
+    head = disturb(PickModule(SMALL, D))
+    features, words = torch.randn(1, 3, 33, 33), torch.randn(1, D)
+    kernel = head.kernel(words)
+    before = head.score(features, kernel)
+    turned = head.score(torch.rot90(features, 1, dims=(-2, -1)), kernel)
+    expected = torch.rot90(before, 1, dims=(-2, -1)).roll(SMALL.angles // 4, dims=1)
+    assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
+
+
+def test_refiner_starts_as_the_raw_map():
+    refiner = networks.SemanticRefiner(3)
+    raw, height = torch.rand(1, 1, 8, 8), torch.zeros(1, 1, 8, 8)
+    assert (refiner(raw, height) - raw).abs().max() < 0.3
+    assert torch.corrcoef(torch.stack([refiner(raw, height)[0, 0].flatten(), raw.flatten()]))[0, 1] > 0.99
+
+
+def test_crop_is_unrotated_and_padded():
+    image = torch.arange(24.0).view(1, 1, 4, 6)
+    assert torch.equal(crop_at(image, torch.tensor([[1, 2]]), 3)[0, 0], image[0, 0, 0:3, 1:4])
+    corner = crop_at(image, torch.tensor([[0, 0]]), 3)[0, 0]
+    assert corner[0].sum() == corner[:, 0].sum() == 0
+    assert corner[1, 1] == image[0, 0, 0, 0]
+
+
+def test_right_bins_spread_over_the_symmetry():
+    assert right_bins(0.0, 2 * math.pi, 36) == [0]
+    assert right_bins(math.radians(44), math.pi / 2, 36) == [4, 13, 22, 31]
+    assert right_bins(-math.radians(10), 2 * math.pi, 36) == [35]
+    assert right_bins(1.0, 0.0, 4) == [0, 1, 2, 3]
+
+
+def test_cross_entropy_is_smallest_on_the_right_cells():
+    logits = torch.zeros(1, 4, 3, 3)
+    uniform = cross_entropy(logits, [([1, 3], 2, 0)])
+    assert uniform.item() == pytest.approx(math.log(36))
+    logits[0, [1, 3], 2, 0] = 50.0
+    assert cross_entropy(logits, [([1, 3], 2, 0)]).item() == pytest.approx(math.log(2), abs=1e-4)
+    assert cross_entropy(logits, [([0], 2, 0)]).item() > 40
+
+
+def sample_with_spot(row: int, col: int) -> Sample:
+    image = torch.zeros(6, 64, 48)
+    image[:, row - 1 : row + 2, col - 1 : col + 2] = 1.0
+    return Sample(image, (row, col), (40.0, 30.0), 0.3, 0.7, math.pi / 2, 0.0, torch.zeros(D), torch.zeros(D))
+
+
+def test_augmentation_moves_image_and_labels_together():
+    sample = sample_with_spot(20, 14)
+    motion = ImageMotion(math.radians(30), (3.0, -2.0))
+    moved = apply(motion, sample)
+    rows, cols = torch.meshgrid(torch.arange(64.0), torch.arange(48.0), indexing="ij")
+    for channel in moved.image:
+        mass = channel.sum()
+        assert float((rows * channel).sum() / mass) == pytest.approx(moved.pick[0], abs=0.1)
+        assert float((cols * channel).sum() / mass) == pytest.approx(moved.pick[1], abs=0.1)
+    assert moved.pick_yaw == pytest.approx(0.3 + math.radians(30))
+    assert moved.delta == sample.delta
+
+
+def test_random_motion_keeps_pixels_inside():
+    import numpy as np
+
+    rng, shape, keep = np.random.default_rng(0), (64, 48), [(2.0, 2.0), (60.0, 45.0)]
+    angles = []
+    for _ in range(50):
+        motion = random_motion(rng, shape, keep)
+        for pixel in keep:
+            row, col = motion.move(pixel, shape)
+            assert -0.5 <= row <= 63.5
+            assert -0.5 <= col <= 47.5
+        angles.append(motion.angle)
+    assert len(set(angles)) > 10
+
+
+def test_config_round_trip_and_refusal():
+    assert Config.from_dict(PAPER.as_dict()) == PAPER
+    with pytest.raises(ValueError, match="colour_blind"):
+        Config.from_dict({**LITE.as_dict(), "colour_blind": True})
+
+
+def test_no_layer_normalises_over_the_picture():
+    for module in (PickModule(SMALL, D), PlaceModule(SMALL, D)):
+        assert not any("Norm" in type(layer).__name__ for layer in module.modules())

@@ -1,0 +1,158 @@
+"""Cameras and the fused height map."""
+
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+
+from gem_lite import colors
+from gem_lite.se2 import Pose2, Workspace
+from gem_lite.tabletop import shapes
+from gem_lite.tabletop.cameras import CAMERAS, View, render
+from gem_lite.tabletop.heightmap import fuse_views, sort_points
+
+POSE = Pose2(0.48, 0.13, 0.6)
+WORKSPACE = Workspace()
+
+
+@pytest.fixture(scope="module")
+def scene(world, stage):
+    """(pose of a red block, its views, and which pixels of each view show the block)."""
+    (block,), _ = stage(partial(shapes.add_block, color=colors.rgba("red"), pose=POSE))
+    pictures = [render(world.client, camera, segmentation=True) for camera in CAMERAS]
+    return world.pose(block)[0], [view for view, _ in pictures], [ids == block.id for _, ids in pictures]
+
+
+@pytest.fixture(scope="module")
+def fused(scene):
+    return fuse_views(scene[1], WORKSPACE)
+
+
+def block_cells(pose, inset=0.0):
+    """(H, W) bool: cells whose centre lies at least ``inset`` metres inside the block's square."""
+    rows, cols = np.indices(WORKSPACE.shape)
+    x, y = WORKSPACE.to_world(rows, cols)
+    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    ahead, left = c * (x - pose.x) + s * (y - pose.y), -s * (x - pose.x) + c * (y - pose.y)
+    return np.maximum(abs(ahead), abs(left)) <= shapes.BLOCK_SIZE / 2 - inset
+
+
+@pytest.mark.parametrize("index", range(3), ids=[camera.name for camera in CAMERAS])
+def test_each_camera_projects_the_block_back_to_where_it_lies(scene, index):
+    pose, views, masks = scene
+    points = views[index].points()[masks[index]]
+    assert len(points) > 200
+    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    local = (points[:, :2] - [pose.x, pose.y]) @ np.array([[c, -s], [s, c]])
+    # Nothing sticks out of the cube, and its whole top was seen.
+    assert abs(local).max() < shapes.BLOCK_SIZE / 2 + 0.003
+    top = local[points[:, 2] > shapes.BLOCK_SIZE - 0.003]
+    assert np.percentile(top, 99, axis=0) == pytest.approx([0.02, 0.02], abs=0.003)
+    assert np.percentile(top, 1, axis=0) == pytest.approx([-0.02, -0.02], abs=0.003)
+    assert points[:, 2].max() == pytest.approx(shapes.BLOCK_SIZE, abs=0.002)
+
+
+@pytest.mark.parametrize("index", range(3), ids=[camera.name for camera in CAMERAS])
+def test_the_table_is_at_height_zero(scene, index):
+    _, views, masks = scene
+    x, y, z = np.moveaxis(views[index].points(), -1, 0)
+    table = (x > 0.3) & (x < 0.7) & (abs(y) < 0.45) & ~masks[index] & (np.hypot(x - POSE.x, y - POSE.y) > 0.05)
+    assert table.sum() > 10_000
+    assert abs(z[table]).max() < 0.003
+
+
+def test_height_of_block_and_table(scene, fused):
+    pose = scene[0]
+    assert fused.height.shape == WORKSPACE.shape == (160, 80)
+    np.testing.assert_allclose(fused.height[block_cells(pose, inset=0.002)], 0.04, atol=0.002)
+    np.testing.assert_allclose(fused.height[~block_cells(pose, inset=-0.01)], 0.0, atol=0.003)
+
+
+def test_colour_lies_on_the_block(scene, fused):
+    pose = scene[0]
+    red, green, blue = np.moveaxis(fused.rgb.astype(int), -1, 0)
+    assert (red - np.maximum(green, blue))[block_cells(pose, inset=0.004)].min() > 60
+    assert (red - np.minimum(green, blue))[~block_cells(pose, inset=-0.012)].max() < 20
+
+
+def test_three_views_see_more_than_any_one(scene, fused):
+    _, views, _ = scene
+    alone = [fuse_views([view], WORKSPACE).seen.sum() for view in views]
+    assert fused.seen.sum() > max(alone)
+    assert fused.seen.mean() > 0.98
+
+
+def test_unseen_cells_copy_a_neighbour(scene):
+    # Behind the block the front camera sees nothing; the map still has no hole.
+    single = fuse_views(scene[1][:1], WORKSPACE)
+    assert not single.seen.all()
+    assert np.isfinite(single.height).all()
+    heights = np.unique(single.height[single.seen])
+    assert np.isin(single.height[~single.seen], heights).all()
+
+
+def test_the_order_of_views_does_not_matter(scene, fused):
+    other = fuse_views(scene[1][::-1], WORKSPACE)
+    np.testing.assert_array_equal(other.height, fused.height)
+    np.testing.assert_array_equal(other.seen, fused.seen)
+
+
+def test_labels_land_where_the_block_is(scene):
+    pose, views, masks = scene
+    labels, seen = sort_points(views, WORKSPACE).project([mask.astype(np.float32) for mask in masks])
+    assert labels.shape == seen.shape == WORKSPACE.shape
+    assert labels[block_cells(pose, inset=0.004)].min() > 0.9
+    assert labels[~block_cells(pose, inset=-0.012)].max() == 0.0
+
+
+def test_one_label_per_view_is_required(scene):
+    _, views, masks = scene
+    with pytest.raises(ValueError, match="zip"):
+        sort_points(views, WORKSPACE).project(masks[:2])
+
+
+def test_a_bowl_is_open(stage):
+    row, col = 100, 30
+    pose = Pose2(*WORKSPACE.to_world(row, col))
+    _, observation = stage(partial(shapes.add_bowl, color=colors.rgba("green"), pose=pose, movable=False))
+    height = fuse_views(observation.views, WORKSPACE).height
+    assert height[row, col] == pytest.approx(0.01, abs=0.004)  # the floor of the bowl
+    rim = round((shapes.BOWL_RADIUS - shapes.BOWL_WALL / 2) / WORKSPACE.pixel)
+    for side in (height[row - rim, col], height[row + rim, col], height[row, col - rim], height[row, col + rim]):
+        assert side == pytest.approx(shapes.BOWL_HEIGHT, abs=0.004)
+
+
+def test_no_views_raise():
+    with pytest.raises(ValueError, match="views is empty"):
+        fuse_views([], WORKSPACE)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rgb": np.zeros((480, 640), np.uint8)}, "rgb of camera 'front'"),
+        ({"rgb": np.zeros((480, 640, 4), np.uint8)}, "rgb of camera 'front'"),
+        ({"rgb": np.zeros((480, 640, 3), np.float32)}, "rgb of camera 'front'"),
+        ({"depth": np.zeros((640, 480), np.float32)}, "depth of camera 'front'"),
+        ({"depth": np.zeros((480, 640), np.float64)}, "depth of camera 'front'"),
+    ],
+)
+def test_a_wrong_picture_is_named(change, message):
+    good = View(CAMERAS[0], np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32))
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(good, **change)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rgb": np.zeros((80, 160, 3), np.uint8)}, "^rgb must be"),
+        ({"rgb": np.zeros((160, 80, 3), np.float32)}, "^rgb must be"),
+        ({"height": np.zeros((160, 81), np.float32)}, "^height must be"),
+        ({"height": np.zeros((160, 80), np.float64)}, "^height must be"),
+    ],
+)
+def test_a_wrong_height_map_is_named(fused, change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(fused, **change)

@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, crop_memory, semantic_map
+from gem_lite.config import LITE
+from gem_lite.crop_memory import CropEntry, CropMemory
+from gem_lite.se2 import Pose2
+from gem_lite.semantic_map import PatchGrid, fuse, patchify, unpatchify
+from gem_lite.tabletop import tasks
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def scene_and_truth(model, world):
+    task = tasks.make("put-block-in-bowl-unseen-colors", "val")
+    observation = world.reset(task, tasks.episode_seed("val", 50))
+    scene = semantic_map.embed_scene(observation.views, model, LITE)
+    return scene, task, task.expert(world).action, observation
+
+
+@pytest.mark.parametrize("shape", [(40, 60), (47, 53), (40, 41)])
+def test_every_pixel_is_covered_and_a_constant_survives(shape):
+    grid = PatchGrid(shape, 20, 9)
+    rows, cols = (len(starts) for starts in grid.starts())
+    assert np.allclose(unpatchify(np.full((rows, cols), 3.0), grid), 3.0)
+    assert all((coverage.sum(axis=1) > 0).all() for coverage in grid.coverage())
+
+
+def test_patchify_against_slicing():
+    image = np.random.default_rng(0).integers(0, 255, (47, 53, 3), np.uint8)
+    grid = PatchGrid((47, 53), 20, 9)
+    patches, (rows, cols) = patchify(image, grid), grid.starts()
+    for i, row in enumerate(rows):
+        for j, col in enumerate(cols):
+            assert np.array_equal(patches[i, j], image[row : row + 20, col : col + 20])
+
+
+def test_unpatchify_is_the_mean_of_the_covering_patches():
+    # Without overlap, P^-1 undoes a patch-wise constant exactly; with overlap it averages, here by hand.
+    grid = PatchGrid((4, 6), 2, 2)
+    scores = np.arange(6.0).reshape(2, 3)
+    assert np.array_equal(unpatchify(scores, grid), np.kron(scores, np.ones((2, 2))))
+    overlapped = unpatchify(np.array([[0.0, 1.0, 5.0]]), PatchGrid((2, 4), 2, 1))
+    assert np.allclose(overlapped[0], [0.0, 0.5, 3.0, 5.0])
+
+
+def test_gradient_image_averages_to_itself_inside():
+    # Patch means of a linear ramp average back to the ramp wherever the covering patches lie evenly.
+    grid = PatchGrid((12, 40), 8, 4)
+    ramp = np.tile(np.arange(40.0), (12, 1))
+    means = patchify(ramp[..., None], grid).mean(axis=(2, 3, 4))
+    block = unpatchify(means, grid)[:, 8:32].reshape(12, 6, 4).mean(axis=2)
+    assert np.allclose(block, ramp[:, 8:32].reshape(12, 6, 4).mean(axis=2))
+
+
+@pytest.mark.parametrize(
+    ("patch", "stride", "name"), [(50, 5, "patch"), (0, 1, "patch"), (8, 0, "stride"), (8, 9, "stride")]
+)
+def test_bad_grids_are_named(patch, stride, name):
+    with pytest.raises(ValueError, match=name):
+        PatchGrid((40, 60), patch, stride)
+
+
+def test_skipping_unwanted_patches_changes_no_wanted_pixel(model):
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 255, (80, 100, 3), np.uint8)
+    wanted = np.zeros((80, 100), bool)
+    wanted[30:45, 20:60] = True
+    grid, words = PatchGrid((80, 100), 40, 20), model.embed_texts(["red block"])[0]
+    everything = semantic_map.embed_patches(image, grid, model).score(words)
+    some = semantic_map.embed_patches(image, grid, model, wanted).score(words)
+    assert np.allclose(everything[wanted], some[wanted], atol=1e-5)
+
+
+def test_batch_equals_patch_by_patch(model):
+    image = np.random.default_rng(2).integers(0, 255, (80, 80, 3), np.uint8)
+    grid = PatchGrid((80, 80), 40, 20)
+    batch = semantic_map.embed_patches(image, grid, model).values
+    patches = patchify(image, grid)
+    for i in range(batch.shape[0]):
+        for j in range(batch.shape[1]):
+            alone = model.embed_images(patches[i, j][None].copy())[0]
+            assert torch.allclose(batch[i, j], alone, atol=1e-4)
+
+
+def test_text_map_points_at_the_named_things(scene_and_truth, model):
+    scene, task, action, _ = scene_and_truth
+    block, bowl = task.named_colors
+    for phrase, pose in ((f"{block} blocks", action.pick), (f"{bowl} bowl", action.place)):
+        text = semantic_map.text_conditioned_map(scene, phrase, model)
+        row, col = scene.heightmap.workspace.nearest_cell(pose.x, pose.y)
+        assert text.shape == LITE.workspace.shape
+        assert text[row, col] > 0.5
+        assert np.median(text) < 0.2
+
+
+def test_map_is_not_scaled_by_its_own_extremes(scene_and_truth, model):
+    # Asking for what is not there must give a dark map: no per-image min-max.
+    scene, *_ = scene_and_truth
+    present = semantic_map.text_conditioned_map(scene, "green bowl", model)
+    absent = semantic_map.text_conditioned_map(scene, "black bowl", model)
+    assert absent.max() < present.max() - 0.15
+
+
+def test_image_map_finds_the_demonstrated_thing_again(scene_and_truth, model):
+    scene, task, action, _ = scene_and_truth
+    phrase = f"{task.named_colors[1]} bowl"
+    crop = crop_memory.cut(scene.heightmap, action.place, LITE.top_patch)
+    memory = CropMemory([CropEntry(phrase, crop, 0)], model)
+    image = semantic_map.image_conditioned_map(scene, phrase, model, memory)
+    row, col = scene.heightmap.workspace.nearest_cell(action.place.x, action.place.y)
+    assert image[row, col] > 0.5
+    assert np.median(image) < 0.3
+
+
+def test_retrieval_excludes_and_refuses(model):
+    picture = np.full((20, 20, 3), 128, np.uint8)
+    memory = CropMemory([CropEntry("red block", picture, 0), CropEntry("green bowl", picture, 1)], model)
+    threshold = model.calibration.retrieval_threshold
+    query = model.embed_texts(["red blocks"])[0]
+    assert memory.find(query)[0] == 0
+    assert memory.retrieve(query, threshold) is not None
+    assert memory.retrieve(query, threshold, exclude_episode=0) is None
+    assert memory.retrieve(model.embed_texts(["blue blocks"])[0], threshold) is None
+    alone = CropMemory([CropEntry("red block", picture, 0)], model)
+    assert alone.find(query, exclude_episode=0) is None
+
+
+def test_no_memory_means_no_image_map(scene_and_truth, model):
+    assert semantic_map.image_conditioned_map(scene_and_truth[0], "red block", model, None) is None
+
+
+def test_empty_memory_is_refused(model):
+    with pytest.raises(ValueError, match="entries"):
+        CropMemory([], model)
+
+
+def test_fuse_is_the_weighted_mean():
+    text, image = np.full((2, 2), 1.0), np.full((2, 2), 0.5)
+    assert np.allclose(fuse(text, image, 0.8, 0.2), 0.9)
+    assert fuse(text, None, 0.8, 0.2) is text
+    with pytest.raises(ValueError, match="w1 and w2"):
+        fuse(text, image, 0, 0)
+
+
+def test_crop_is_centred_and_stays_inside(scene_and_truth):
+    heightmap = scene_and_truth[0].heightmap
+    w = heightmap.workspace
+    x, y = w.to_world(80, 40)
+    assert np.array_equal(crop_memory.cut(heightmap, Pose2(x, y), 0.125), heightmap.rgb[70:90, 30:50])
+    assert crop_memory.cut(heightmap, Pose2(w.x_min + 0.001, w.y_max - 0.001), 0.125).shape == (20, 20, 3)

@@ -1,0 +1,179 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, train
+from gem_lite.config import LITE
+from gem_lite.crop_memory import CropEntry, CropMemory
+from gem_lite.gem import Policy
+from gem_lite.train import load_policy, prepare, save_policy
+
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def demonstrations_small(demo_set):
+    return demo_set[1]
+
+
+@pytest.fixture(scope="module")
+def prepared(model, demonstrations_small):
+    return prepare(demonstrations_small, model, SMALL)
+
+
+def weights(policy: Policy) -> torch.Tensor:
+    return torch.cat([p.detach().flatten() for m in (policy.pick, policy.place) for p in m.parameters()])
+
+
+def test_labels_lie_on_the_expert(prepared, demonstrations_small):
+    steps, _ = prepared
+    expert = demonstrations_small[0].steps[0].expert.action
+    sample = steps[0].with_image
+    w = SMALL.workspace
+    assert w.to_world(*sample.pick) == pytest.approx((expert.pick.x, expert.pick.y))
+    assert sample.pick_yaw == expert.pick.yaw
+    assert sample.delta == pytest.approx(expert.delta)
+    # The block is really there, in the height channel of the picture.
+    assert sample.image[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
+
+
+def test_training_retrieval_never_finds_its_own_episode(model, demonstrations_small):
+    # One episode alone: everything in the memory is its own, so every image map must be missing.
+    steps, memory = prepare(demonstrations_small[:1], model, SMALL)
+    assert {entry.episode for entry in memory.entries} == {0}
+    for step in steps:
+        assert torch.equal(step.with_image.image, step.text_only.image)
+
+
+def test_image_map_is_used_when_another_episode_has_the_phrase(model, demonstrations_small):
+    # The same episode twice, as episodes 0 and 1: each may now find the other.
+    steps, _ = prepare([demonstrations_small[0], demonstrations_small[0]], model, SMALL)
+    assert not torch.equal(steps[0].with_image.image[4], steps[0].text_only.image[4])
+
+
+def test_batches_hide_the_image_map_now_and_then(prepared):
+    steps, _ = prepared
+    black = dataclasses.replace(steps[0].text_only, image=torch.zeros_like(steps[0].text_only.image))
+    marked = [dataclasses.replace(step, text_only=black) for step in steps]
+    hidden = [
+        float(train.make_batch(marked, SMALL, np.random.default_rng(i))[0].image.abs().sum()) == 0 for i in range(60)
+    ]
+    assert 5 < sum(hidden) < 40  # drop_image_map is 0.3
+
+
+def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, monkeypatch):
+    steps, memory = prepared
+    whole = Policy(SMALL, model, memory, seed=3)
+    train.train(whole, steps, seed=3, run=tmp_path / "whole")
+
+    monkeypatch.setattr(train, "SAVE_EVERY", 2)
+    calls = []
+    honest = train.losses
+
+    def killed_at_the_fourth_step(*args):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return honest(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train, "losses", killed_at_the_fourth_step)
+        with pytest.raises(KeyboardInterrupt):
+            train.train(Policy(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "killed")
+    resumed = Policy(SMALL, model, memory, seed=99)
+    train.train(resumed, steps, seed=3, run=tmp_path / "killed")
+    assert torch.allclose(weights(resumed), weights(whole), atol=1e-6)
+    assert not torch.allclose(weights(Policy(SMALL, model, memory, seed=3)), weights(whole), atol=1e-6)
+
+
+def test_another_trainings_state_is_refused(prepared, model, tmp_path):
+    steps, memory = prepared
+    train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    with pytest.raises(ValueError, match="other settings"):
+        train.train(Policy(SMALL, model, memory), steps, seed=1, run=tmp_path)
+
+
+def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
+    steps, memory = prepared
+    monkeypatch.setattr(train, "SAVE_EVERY", 1)
+    calls = []
+    honest = train.losses
+
+    def spoilt(*args):
+        calls.append(1)
+        pick, place = honest(*args)
+        return (pick * float("nan"), place) if len(calls) == 3 else (pick, place)
+
+    monkeypatch.setattr(train, "losses", spoilt)
+    with pytest.raises(FloatingPointError, match="pick loss is nan at step 2"):
+        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    assert torch.load(tmp_path / "state.pt")["step"] == 2
+
+
+def test_checkpoint_round_trip(prepared, model, tmp_path):
+    memory = prepared[1]
+    policy = Policy(SMALL, model, memory, seed=5)
+    path = tmp_path / "policy.safetensors"
+    save_policy(policy, path, {"task": "t", "demos": 2, "seed": 5})
+    loaded = load_policy(path, model, SMALL)
+    assert torch.equal(weights(loaded), weights(policy))
+    assert [e.phrase for e in loaded.memory.entries] == [e.phrase for e in memory.entries]
+    assert torch.allclose(loaded.memory.values, memory.values, atol=1e-6)
+
+
+def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
+    policy = Policy(SMALL, model, prepared[1])
+    path = tmp_path / "policy.safetensors"
+    save_policy(policy, path, {})
+    with pytest.raises(ValueError, match=r"another configuration \(.*angles: 12 there, 36 asked for"):
+        load_policy(path, model, dataclasses.replace(SMALL, angles=36))
+    card = json.loads(path.with_suffix(".json").read_text())
+    path.with_suffix(".json").write_text(json.dumps({**card, "clip": {"name": "other", "fingerprint": "0"}}))
+    with pytest.raises(ValueError, match="trained with the CLIP 'other'"):
+        load_policy(path, model)
+    path.with_suffix(".json").write_text(json.dumps(card))
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match="cut off or changed"):
+        load_policy(path, model)
+    with pytest.raises(FileNotFoundError, match="missing"):
+        load_policy(tmp_path / "none.safetensors", model)
+
+
+def test_policy_is_deterministic_and_sees_only_views(prepared, model, demonstrations_small):
+    policy = Policy(SMALL, model, prepared[1], seed=1)
+    step = demonstrations_small[0].steps[0]
+    first, again = (policy.decide(step.observation, step.instruction) for _ in range(2))
+    assert first.action == again.action
+    assert np.array_equal(first.pick_map, again.pick_map)
+    assert SMALL.workspace.contains(first.action.pick.x, first.action.pick.y)
+    assert set(vars(step.observation)) == {"views"}
+
+
+def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstrations_small):
+    policy = Policy(SMALL, model, prepared[1])
+    observation = demonstrations_small[0].steps[0].observation
+    cases = {"": "empty", "pick the red block": "no place", "put in the bowl": "nothing to pick"}
+    for sentence, message in cases.items():
+        with pytest.raises(ValueError, match=message):
+            policy.act(observation, sentence)
+    with pytest.raises(ValueError, match="rgb of camera"):
+        dataclasses.replace(observation.views[0], rgb=observation.views[0].rgb[:100])
+
+
+def test_crop_memory_counts_grasps_only(model, demonstrations_small):
+    missed = dataclasses.replace(demonstrations_small[0].steps[0], grasped=False)
+    demo = dataclasses.replace(demonstrations_small[0], steps=(missed,))
+    _, memory = prepare([demo, demonstrations_small[1]], model, SMALL)
+    assert {entry.episode for entry in memory.entries} == {1}
+    assert isinstance(memory, CropMemory)
+    assert all(isinstance(entry, CropEntry) for entry in memory.entries)
