@@ -89,6 +89,7 @@ def collect(
 
     Raises:
         ValueError: unknown task or split, or ``episodes`` below 1.
+        RuntimeError: the expert failed in more than half of the episodes tried, and 20 of them.
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
@@ -104,6 +105,9 @@ def collect(
                 bar.update()
             else:
                 bar.write(f"episode {index - 1}: the expert failed, skipped")
+                failed = index - start - len(found)
+                if failed >= 20 and failed > len(found):
+                    raise RuntimeError(f"the expert failed in {failed} of {index - start} episodes of {task_name}")
     save(found, folder)
     return found
 
@@ -170,6 +174,8 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
     """Write one file an episode and, last, the manifest with their SHA-256 sums."""
+    if not demonstrations:
+        raise ValueError("demonstrations is empty: there is nothing to save")
     files = {}
     for number, demonstration in enumerate(demonstrations):
         content = _encode(demonstration)
@@ -189,8 +195,11 @@ def read_manifest(folder: Path) -> dict:
         manifest = json.loads(path.read_text())
     except json.JSONDecodeError as error:
         raise ValueError(f"{path} is cut off or no JSON: {error}") from error
-    if manifest.get("schema") != SCHEMA:
-        raise ValueError(f"{path} has schema {manifest.get('schema')!r}; this version reads schema {SCHEMA}")
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        found = manifest.get("schema") if isinstance(manifest, dict) else manifest
+        raise ValueError(f"{path} has schema {found!r}; this version reads schema {SCHEMA}")
+    if not isinstance(manifest.get("files"), dict):
+        raise ValueError(f"{path} lists no files: it is not a whole manifest")
     return manifest
 
 

@@ -24,6 +24,8 @@ from gem_lite.tabletop.world import Observation, World
 from gem_lite.train import load_policy, read_card
 
 RESULTS = clip.DATA / "results"
+CHUNK = 5
+"""Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
 Actor = Callable[[World, Observation], Action | None]
 """Chooses an action. Only experts look at the world; a policy's actor passes on the observation alone."""
 
@@ -106,18 +108,12 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
     raise ValueError(f"method must be gem, expert, expert-rounded or random, got {method!r}")
 
 
-def _work(job: tuple[tuple, str, str, list[int]], counter=None) -> list[Episode]:
-    arguments, task_name, split, indices = job
+def _run_chunk(chunk: tuple[str, Config, Path | None, str | None, str, tasks.Split, list[int]]) -> list[Episode]:
+    method, settings, checkpoint, clip_name, task_name, split, indices = chunk
     torch.set_num_threads(1)
-    *fixed, seed = arguments
+    actor = make_actor(method, settings, checkpoint, clip_name, seed=indices[0])
     with World() as world:
-        found = []
-        for index in indices:
-            # A fresh actor seed an episode: the result does not depend on who ran what before.
-            if not found or fixed[0] == "random":
-                actor = make_actor(*fixed, seed + index)
-            found.append(run_episode(world, actor, task_name, split, index))
-    return found
+        return [run_episode(world, actor, task_name, split, index) for index in indices]
 
 
 def evaluate(
@@ -129,18 +125,18 @@ def evaluate(
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     tasks.make(task_name, split)
-    make_actor(method, settings, checkpoint, clip_name, 0)  # Errors surface here, not in a worker.
-    arguments = (method, settings, checkpoint, clip_name, start)
-    processes = min(processes or os.cpu_count() or 1, episodes)
-    indices = list(range(start, start + episodes))
-    size = max(1, min(5, episodes // processes))
-    jobs = [(arguments, task_name, split, indices[i : i + size]) for i in range(0, episodes, size)]
+    make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors surface here, not in a worker.
+    indices = range(start, start + episodes)
+    chunks = [
+        (method, settings, checkpoint, clip_name, task_name, split, list(indices[i : i + CHUNK]))
+        for i in range(0, episodes, CHUNK)
+    ]
     found: list[Episode] = []
     with (
-        multiprocessing.get_context("spawn").Pool(processes) as pool,
+        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
         tqdm(total=episodes, desc=f"{method} on {task_name}", unit="episode") as bar,
     ):
-        for part in pool.imap(_work, jobs):
+        for part in pool.imap(_run_chunk, chunks):
             found += part
             bar.update(len(part))
             bar.set_postfix(mean=f"{100 * np.mean([e.reward for e in found]):.1f}")
@@ -156,11 +152,12 @@ def mean_and_interval(rewards: Sequence[float], seed: int = 0) -> tuple[float, t
 
 
 def result_row(method: str, task_name: str, found: Sequence[Episode], subset: str, facts: dict) -> dict:
-    """One cell of a results table."""
+    """One cell of a results table; ``not_full`` lists the episodes that did not reach the full reward."""
     mean, interval = mean_and_interval([episode.reward for episode in found])
     return {
         "method": method, "task": task_name, "subset": subset, "episodes": len(found),
-        "mean": mean, "ci95": list(interval), **facts, "date": datetime.now(UTC).date().isoformat(),
+        "mean": mean, "ci95": list(interval), **facts,
+        "not_full": [episode.index for episode in found if episode.reward < 0.99], "date": datetime.now(UTC).date().isoformat(),
     }  # fmt: skip
 
 

@@ -10,10 +10,11 @@ PREPOSITIONS = ("on top of", "into", "in", "inside", "onto", "on", "to")
 EXAMPLE = 'for example "put the red block in the green bowl"'
 
 _ARTICLE = re.compile(r"^(?:all )?(?:the |a |an |some |one )?(?:of the )?")
-_SECOND_VERB = rf"(?:\s+(?:and|then|,)+\s*(?:{'|'.join(VERBS)})(?:\s+(?:it|them))?)?"
+_VERB = rf"(?:{'|'.join(VERBS)})\b"
+_SECOND_VERB = rf"(?:(?:\s*,|\s+and|\s+then|\s+and then)+\s+{_VERB}(?:\s+(?:it|them))?)?"
 _PATTERN = re.compile(
-    rf"^(?:please\s+)?(?:{'|'.join(VERBS)})\b\s*(?P<pick>.*?){_SECOND_VERB}"
-    rf"(?:(?:^|\s+)(?:{'|'.join(PREPOSITIONS)})\b\s*(?P<place>.*))?$"
+    rf"^(?:please,?\s+)?{_VERB}(?P<pick>.*?){_SECOND_VERB}"
+    rf"(?:\s+(?:{'|'.join(PREPOSITIONS)})\b\s*(?P<place>.*))?$"
 )
 _PART = re.compile(r"^(?P<whole>.+?) by (?:its|the|their) (?P<part>.+)$")
 

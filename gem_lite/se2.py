@@ -85,15 +85,16 @@ class Workspace:
         return self.x_min + (col + 0.5) * self.pixel, self.y_max - (row + 0.5) * self.pixel
 
     def contains(self, x: float, y: float, margin: float = 0.0) -> bool:
-        """Whether ``(x, y)`` lies at least ``margin`` metres inside."""
-        return self.x_min + margin <= x < self.x_max - margin and self.y_min + margin <= y < self.y_max - margin
+        """Whether ``(x, y)`` lies at least ``margin`` metres inside: x_min <= x < x_max, y_min < y <= y_max."""
+        return self.x_min + margin <= x < self.x_max - margin and self.y_min + margin < y <= self.y_max - margin
 
     def nearest_cell(self, x: float, y: float) -> tuple[int, int]:
         """The cell whose centre is nearest to ``(x, y)``. Raises ValueError outside the workspace."""
         if not self.contains(x, y):
             raise ValueError(f"x, y = {x:.3f}, {y:.3f} m lies outside the workspace {self}")
         row, col = self.to_pixel(x, y)
-        return round(row), round(col)
+        # Not round(): it sends halves to even cells, and the last one out of the map.
+        return math.floor(row + 0.5), math.floor(col + 0.5)
 
 
 def quaternion(yaw: float) -> tuple[float, float, float, float]:

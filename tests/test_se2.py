@@ -124,11 +124,18 @@ def test_nearest_cell_is_the_cell_around_the_point():
         assert max(abs(centre[0] - x), abs(centre[1] - y)) <= w.pixel / 2 + 1e-12
 
 
-@pytest.mark.xfail(strict=True, reason="contains() includes y_min, whose row 159.5 rounds to 160: outside the map")
 def test_nearest_cell_of_every_contained_edge_is_on_the_map():
     w = Workspace()
-    assert w.contains(0.3, w.y_min)
-    assert w.nearest_cell(0.3, w.y_min) == (159, 7)
+    edges = {
+        (w.x_min, w.y_max): (0, 0),
+        (0.303, float(np.nextafter(w.y_min, 0))): (159, 8),
+        (float(np.nextafter(w.x_max, 0)), 0.0): (80, 79),
+    }
+    for (x, y), cell in edges.items():
+        assert w.contains(x, y)
+        assert w.nearest_cell(x, y) == cell
+    assert not w.contains(0.3, w.y_min)
+    assert not w.contains(w.x_max, 0.0)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.2, 0.0), (0.8, 0.0), (0.5, 0.6), (0.5, -0.6), (math.nan, 0.0)])

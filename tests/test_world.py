@@ -142,7 +142,6 @@ def test_a_block_stays_in_a_bowl(world, stage):
     assert z < 0.045  # it does not hang on the rim
 
 
-@pytest.mark.xfail(strict=True, reason="PyBullet keeps 16 shapes of a body: the bowl's floor is the 17th and is lost")
 def test_a_bowl_has_a_floor(world, stage):
     (moved, _), _ = stage(block(), bowl(THERE))
     world.step(MOVE)
@@ -204,7 +203,6 @@ def test_action_outside_the_workspace_raises_and_moves_nothing(world, stage, nam
     assert distance(world.pose(body)[0], HERE) < 0.001
 
 
-@pytest.mark.xfail(strict=True, reason="World.step checks x and y only: a yaw that is no number passes")
 def test_a_yaw_that_is_no_number_raises(world, stage):
     stage(block())
     with pytest.raises(ValueError, match=r"action\.pick"):

@@ -6,7 +6,7 @@ Every body's origin is its centre in x and y; its lowest point is at z = 0 of th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pybullet as p
@@ -115,7 +115,10 @@ def piece_mesh(name: str) -> trimesh.Trimesh:
 
 @cache
 def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
-    """An L of two arms, the corner at the lower left: unlike any of its own turns and mirror images."""
+    """An L of two arms, the corner at the lower left: unlike any of its own turns.
+
+    Its arms are equally long, so it is its own mirror image across its diagonal.
+    """
     shape = unary_union([box(0, 0, size, arm), box(0, 0, arm, size)])
     mesh = trimesh.creation.extrude_polygon(shape, height)
     mesh.apply_translation([-size / 2, -size / 2, 0])
@@ -131,19 +134,23 @@ class Body:
     movable: bool
 
 
-def _visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
-    # Flat shading: every triangle brings its own three vertices and its face normal.
+@lru_cache(maxsize=256)
+def _triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
+    """A mesh as PyBullet takes it, with flat shading: every triangle brings its own corners and normal.
+
+    Cached, since turning arrays into lists would be most of the time of laying out a scene.
+    """
     corners = mesh.triangles.reshape(-1, 3) - [0, 0, lower]
-    normals = np.repeat(mesh.face_normals, 3, axis=0)
-    return p.createVisualShape(
-        p.GEOM_MESH,
-        vertices=corners.tolist(),
-        indices=list(range(len(corners))),
-        normals=normals.tolist(),
-        uvs=np.zeros((len(corners), 2)).tolist(),
-        rgbaColor=color,
-        physicsClientId=client,
-    )
+    return {
+        "vertices": corners.tolist(),
+        "indices": list(range(len(corners))),
+        "normals": np.repeat(mesh.face_normals, 3, axis=0).tolist(),
+        "uvs": np.zeros((len(corners), 2)).tolist(),
+    }
+
+
+def _visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
+    return p.createVisualShape(p.GEOM_MESH, **_triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
 
 
 def _create(client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool) -> Body:
@@ -197,8 +204,11 @@ def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
 
 
 def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) -> Body:
-    """A bowl that really holds things: 16 slanted wall boxes and a floor."""
-    sides, wall, floor = 16, BOWL_WALL, 0.01
+    """A bowl that really holds things: 15 slanted wall boxes and a floor.
+
+    PyBullet keeps at most 16 shapes a body and drops the others without a word.
+    """
+    sides, wall, floor = 15, BOWL_WALL, 0.01
     slant = np.arctan2(BOWL_RADIUS - BOWL_BASE_RADIUS, BOWL_HEIGHT)
     radius = (BOWL_RADIUS + BOWL_BASE_RADIUS) / 2 - wall / 2
     half = [[wall / 2, radius * np.tan(np.pi / sides) * 1.1, BOWL_HEIGHT / 2 / np.cos(slant)]] * sides

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -140,12 +141,14 @@ class World:
         """Pick, place, let the scene settle, score it.
 
         Args:
-            action: poses in the workspace; a pose outside raises ValueError.
+            action: poses in the workspace; one outside, or a yaw that is not finite, raises ValueError.
             watch: called with "picked" and "placed" at those moments, for pictures.
         """
         for name, pose in (("pick", action.pick), ("place", action.place)):
             if not self.workspace.contains(pose.x, pose.y):
                 raise ValueError(f"action.{name} = {pose} lies outside the workspace {self.workspace}")
+            if not math.isfinite(pose.yaw):
+                raise ValueError(f"action.{name} = {pose} has a yaw that is not a finite number of radians")
         before = self.task.score(self)
         grasped = self.gripper.pick(action.pick, {body.id for body in self.bodies if body.movable})
         if watch:
