@@ -157,7 +157,8 @@ def result_row(method: str, task_name: str, found: Sequence[Episode], subset: st
     return {
         "method": method, "task": task_name, "subset": subset, "episodes": len(found),
         "mean": mean, "ci95": list(interval), **facts,
-        "not_full": [episode.index for episode in found if episode.reward < 0.99], "date": datetime.now(UTC).date().isoformat(),
+        "not_full": [episode.index for episode in found if episode.reward < 0.99],
+        "date": datetime.now(UTC).date().isoformat(),
     }  # fmt: skip
 
 
