@@ -14,6 +14,7 @@ import torch.nn.functional as F
 
 os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
 
+import huggingface_hub
 import transformers
 from transformers.image_processing_base import ImageProcessingMixin
 
@@ -93,7 +94,7 @@ class Clip:
             features = self._model.get_text_features(
                 input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
             )
-            for phrase, feature in zip(new, _unit(features), strict=True):
+            for phrase, feature in zip(new, unit(features), strict=True):
                 self._texts[phrase] = feature
         return torch.stack([self._texts[phrase] for phrase in phrases])
 
@@ -113,7 +114,7 @@ class Clip:
         if len(images) == 0:
             return torch.zeros(0, self.dim)
         features = [
-            _unit(self._model.get_image_features(pixel_values=self._pixels(part))) for part in images.split(batch_size)
+            unit(self._model.get_image_features(pixel_values=self._pixels(part))) for part in images.split(batch_size)
         ]
         return torch.cat(features)
 
@@ -124,10 +125,31 @@ class Clip:
         return (pixels - self._mean.to(pixels)) / self._std.to(pixels)
 
 
-def _unit(features: object) -> torch.Tensor:
+def unit(features: object) -> torch.Tensor:
+    """What ``get_image_features`` or ``get_text_features`` returned, as unit-length float32 vectors."""
     # Newer transformers wrap the projected features in an output object.
     tensor = features if isinstance(features, torch.Tensor) else features.pooler_output
     return F.normalize(tensor.float(), dim=-1)
+
+
+def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, object, dict]:
+    model = transformers.AutoModel.from_pretrained(name, local_files_only=offline)
+    tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
+    return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
+
+
+def _find(name: str) -> tuple[torch.nn.Module, object, dict]:
+    """What is on this machine first; only then, and saying so, the network."""
+    transformers.utils.logging.disable_progress_bar()
+    try:
+        return _from_pretrained(name, offline=True)
+    except OSError:
+        if Path(name).is_dir():
+            raise
+    print(f"{name} is not on this machine; asking Hugging Face (half a minute without a network) ...")
+    transformers.utils.logging.enable_progress_bar()
+    huggingface_hub.utils.logging.set_verbosity_error()
+    return _from_pretrained(name, offline=False)
 
 
 def load(name_or_path: str | Path | None = None) -> Clip:
@@ -143,9 +165,7 @@ def load(name_or_path: str | Path | None = None) -> Clip:
     """
     name = str(name_or_path or os.environ.get(ENVIRONMENT_VARIABLE) or EMBEDDED)
     try:
-        model = transformers.AutoModel.from_pretrained(name)
-        tokenizer = transformers.AutoTokenizer.from_pretrained(name)
-        preprocessing, _ = ImageProcessingMixin.get_image_processor_dict(name)
+        model, tokenizer, preprocessing = _find(name)
     except (OSError, ValueError) as error:
         raise OSError(
             f"the CLIP {name!r} could not be loaded: no such folder, and not in the local cache or reachable.\n"

@@ -38,7 +38,7 @@ def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tenso
     return torch.stack([picture[:, row : row + size, col : col + size] for picture, (row, col) in corners])
 
 
-class Attention(nn.Module):
+class ActionModule(nn.Module):
     """What pick and place share: (A ⊗ M) correlated with a steerable kernel, sampled at R angles."""
 
     def __init__(self, config: Config, language_dim: int) -> None:
@@ -58,7 +58,7 @@ class Attention(nn.Module):
         return sample(lifted.correlate(features), self.angles)
 
 
-class PickModule(Attention):
+class PickModule(ActionModule):
     """p(pick | observation, language): the kernel comes from the language (Eq. 9)."""
 
     def __init__(self, config: Config, language_dim: int) -> None:
@@ -70,7 +70,7 @@ class PickModule(Attention):
         return self.score(self.features(rgbd, semantic, words), self.kernel(words))
 
 
-class PlaceModule(Attention):
+class PlaceModule(ActionModule):
     """p(place | observation, language, pick): the kernel comes from the crop at the pick (Eq. 11)."""
 
     def __init__(self, config: Config, language_dim: int) -> None:

@@ -13,6 +13,8 @@ from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
+from e2cnn import gspaces
+from e2cnn import nn as enn
 from torch import nn
 
 
@@ -132,24 +134,22 @@ class CropKernel(nn.Module):
 
     def __init__(self, inputs: int, channels: int, fields: int) -> None:
         super().__init__()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            from e2cnn import gspaces
-            from e2cnn import nn as enn
         space = gspaces.Rot2dOnR2(N=8)
-        self._wrap = enn.GeometricTensor
         self._input = enn.FieldType(space, inputs * [space.trivial_repr])
         hidden = enn.FieldType(space, fields * [space.regular_repr])
         output = enn.FieldType(space, channels * [space.trivial_repr])
         layers, previous = [], self._input
-        for _ in range(3):
-            layers += [enn.R2Conv(previous, hidden, 5, padding=2), enn.ReLU(hidden, inplace=True)]
-            previous = hidden
-        self.layers = enn.SequentialModule(*layers, enn.R2Conv(hidden, output, 5, padding=2))
+        with warnings.catch_warnings():
+            # e2cnn 0.2.3 indexes with uint8 masks, which torch still allows.
+            warnings.simplefilter("ignore")
+            for _ in range(3):
+                layers += [enn.R2Conv(previous, hidden, 5, padding=2), enn.ReLU(hidden, inplace=True)]
+                previous = hidden
+            self.layers = enn.SequentialModule(*layers, enn.R2Conv(hidden, output, 5, padding=2))
 
     def forward(self, crop: torch.Tensor) -> torch.Tensor:
         """(B, inputs, h, h) to (B, channels, h, h)."""
-        return self.layers(self._wrap(crop, self._input)).tensor / crop.shape[-1]
+        return self.layers(enn.GeometricTensor(crop, self._input)).tensor / crop.shape[-1]
 
 
 def parameter_count(module: nn.Module) -> int:

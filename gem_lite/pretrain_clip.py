@@ -359,12 +359,12 @@ def train(
         for step in bar:
             index = order[step * batch : (step + 1) * batch]
             pixels = _augment(images[index], generator).permute(0, 3, 1, 2) / 127.5 - 1
-            image = clip._unit(model.get_image_features(pixel_values=pixels))
+            image = clip.unit(model.get_image_features(pixel_values=pixels))
             scale = model.logit_scale.exp().clamp(max=30)
             loss = torch.zeros(())
             for texts, match in _captions(crops.color[index], crops.shape[index], rng):
                 tokens = tokenizer(texts, padding=True, return_tensors="pt")
-                text = clip._unit(
+                text = clip.unit(
                     model.get_text_features(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"])
                 )
                 loss = loss + _contrast(image, text, torch.from_numpy(match), scale) / 3

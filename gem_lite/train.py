@@ -174,6 +174,7 @@ def train(policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path
     for step in bar:
         # Every step's draw depends on the seed and the step alone, so a resumed run draws the same.
         batch = make_batch(prepared, settings, np.random.default_rng((seed, step)))
+        # Warm up over 50 steps, hold, and fall linearly to a fiftieth over the second half.
         rate = settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
         pair = dict(zip(("pick", "place"), losses(policy, batch), strict=True))
         for name, loss in pair.items():
@@ -190,6 +191,8 @@ def train(policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path
             bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in pair.items()})
         if (step + 1) % SAVE_EVERY == 0 or step + 1 == settings.steps:
             store(step + 1)
+    for module in modules.values():
+        module.cpu()
     return time.time() - began
 
 
