@@ -12,6 +12,8 @@ from nbclient import NotebookClient
 
 from gem_lite.demonstrations import write_whole
 
+FIGURE_TAGS = ("decision", "outcome")
+"""Tags of the notebook's cells whose figures are kept as files."""
 NOTEBOOK = Path(__file__).resolve().parent.parent / "notebooks" / "00_quickstart.ipynb"
 
 
@@ -27,7 +29,7 @@ def main() -> None:
     def report(cell: nbformat.NotebookNode, **_: object) -> None:
         if cell.cell_type != "code":
             return
-        title = cell.source.splitlines()[0].lstrip("# ")
+        title = next(line for line in cell.source.splitlines() if "NBVAL" not in line).lstrip("# ")
         print(f"[{code.index(cell) + 1}/{len(code)}, {time.time() - began:4.0f} s] {title}", flush=True)
         for output in cell.outputs:
             if output.output_type == "stream" and output.name == "stdout":
@@ -41,16 +43,23 @@ def main() -> None:
         on_cell_executed=lambda cell, **more: report(cell, **more),
     )
     client.execute()
-    pictures = [
-        output.data["image/png"]
-        for cell in code
-        for output in cell.outputs
-        if output.output_type in ("display_data", "execute_result") and "image/png" in output.data
-    ]
     write_whole(args.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
-    write_whole(args.out / "outcome.png", base64.b64decode(pictures[-1]))
-    print(f"\nThe executed notebook: {args.out / NOTEBOOK.name}\nIts last figure:       {args.out / 'outcome.png'}")
+    print(f"\nThe executed notebook: {args.out / NOTEBOOK.name}")
+    for tag in FIGURE_TAGS:
+        write_whole(args.out / f"{tag}.png", _tagged_picture(code, tag))
+        print(f"The figure of its {tag}: {args.out / tag}.png")
+    print("\n" + next(line for line in _printed(code) if line.startswith("outcome of")))
     print("Open the series with: make lab")
+
+
+def _printed(code: list[nbformat.NotebookNode]) -> list[str]:
+    streams = [output for cell in code for output in cell.outputs if output.output_type == "stream"]
+    return [line for stream in streams for line in stream.text.splitlines()]
+
+
+def _tagged_picture(code: list[nbformat.NotebookNode], tag: str) -> bytes:
+    cell = next(cell for cell in code if tag in cell.metadata.get("tags", []))
+    return base64.b64decode(next(o.data["image/png"] for o in cell.outputs if "image/png" in o.get("data", {})))
 
 
 if __name__ == "__main__":

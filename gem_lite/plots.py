@@ -70,9 +70,11 @@ def show_heightmap(heightmap: HeightMap, action: Action | None = None, title: st
 
 
 def action_map(logits: np.ndarray) -> np.ndarray:
-    """(R, H, W) logits to (H, W): the probability of each pixel at any angle, relative to the best pixel."""
-    weights = np.exp(logits - logits.max()).sum(axis=0)
-    return weights / weights.max()
+    """(R, H, W) logits to (H, W): each pixel's best angle, relative to the best pixel, whose value is 0.
+
+    Logits and not probabilities, since a trained policy's probability is one bright pixel on black.
+    """
+    return logits.max(axis=0) - logits.max()
 
 
 def show_decision(decision: Decision, clip_name: str) -> Figure:
@@ -95,10 +97,14 @@ def show_decision(decision: Decision, clip_name: str) -> Figure:
         else:
             _bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
         shown = _bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
-        _bare(axs[4], "action map, any angle").imshow(action_map(logits), cmap="viridis")
+        scored = _bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
+        draw_gripper(axs[0], pose, w, color)
+        row, col = w.to_pixel(pose.x, pose.y)
+        axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
         for ax in (axs[0], axs[4]):
-            draw_gripper(ax, pose, w, color)
+            ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
         fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9)
+        fig.colorbar(scored, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
     fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
     return fig
 

@@ -55,8 +55,7 @@ CARD_SCENES, CARD_SEED = 100, 1_000_003
 COLOR_NAMES, SHAPE_NAMES = tuple(vocabulary.COLORS), tuple(vocabulary.SHAPES)
 
 CARD = """# The embedded CLIP
-
-A small image-text model in the Hugging Face format (`VisionTextDualEncoderModel`: a ConvNeXt image tower, a
+ A small image-text model in the Hugging Face format (`VisionTextDualEncoderModel`: a ConvNeXt image tower, a
 two-layer text tower, {parameters:.1f} M parameters), trained by `python -m gem_lite.pretrain_clip` on
 {training_crops} crops of scenes that it renders in PyBullet, with captions written by `gem_lite/vocabulary.py`. It
 stands in for OpenAI's CLIP where there is no network; it is a different, far smaller model, and no figure made with
@@ -76,15 +75,16 @@ Chance is 8.3, 4.3 and 0.4.
 
 ## What it was shown
 
-Colours: {colors}. Shapes: {shapes}. Synonyms such as "scarlet" and "cube", plurals and several templates are in
-its captions. Views: jittered copies of the table's three cameras and the fused height map; light, table and floor
-vary. Never shown nor said: {held_out}.
+Colours: {colors}. Shapes: {shapes}. Synonyms such as "scarlet" and "cube", plurals and several templates are in its
+captions. Views: jittered copies of the table's three cameras and the fused height map; light, table and floor vary.
+Never shown nor said: {held_out}.
 
 ## Limits
 
-It knows nothing beyond these words and this renderer. Colour weighs more than shape. Flat shapes that differ in a
-corner (pentagon, hexagon, circle) and letters seen from the side are often confused. A word it never read is split
-into known pieces and lands anywhere.
+It knows nothing beyond these words and this renderer. On pairs that training never showed it names the colour and
+mostly misses the shape (last row): it has not learned to combine them freely. Colour weighs more than shape. Flat
+shapes that differ in a corner (pentagon, hexagon, circle) and letters seen from the side are often confused. A word
+it never read is split into known pieces and lands anywhere.
 """
 
 

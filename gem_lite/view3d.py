@@ -42,8 +42,11 @@ def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
             shift = transformations.translation_matrix(np.array(direction) * length / 2)
             node.set_transform(place @ shift @ turn)
     scene["/Cameras/default"].set_transform(transformations.translation_matrix([0.5, 0, 0]))
-    scene["/Cameras/default/rotated/<object>"].set_property("position", [0.9, 0.9, 0.0])
-    scene["/Grid"].set_property("visible", False)
+    scene["/Cameras/default/rotated/<object>"].set_property("position", [0.5, 0.5, 0.0])
+    scene["/Background"].set_property("top_color", [1, 1, 1])
+    scene["/Background"].set_property("bottom_color", [0.85, 0.87, 0.9])
+    for helper in ("/Grid", "/Axes"):
+        scene[helper].set_property("visible", False)
     return scene
 
 
