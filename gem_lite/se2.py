@@ -93,8 +93,9 @@ class Workspace:
         if not self.contains(x, y):
             raise ValueError(f"x, y = {x:.3f}, {y:.3f} m lies outside the workspace {self}")
         row, col = self.to_pixel(x, y)
-        # Not round(): it sends halves to even cells, and the last one out of the map.
-        return math.floor(row + 0.5), math.floor(col + 0.5)
+        # Not round(), which sends halves to even cells; clipped, since floats push points over an edge.
+        rows, cols = self.shape
+        return min(math.floor(row + 0.5), rows - 1), min(math.floor(col + 0.5), cols - 1)
 
 
 def quaternion(yaw: float) -> tuple[float, float, float, float]:
