@@ -8,7 +8,7 @@ NBVAL := --nbval-lax --nbval-current-env --nbval-sanitize-with tests/nbval_sanit
 .PHONY: help demo lab test check-python clean
 
 help:
-	@echo "make demo   set up, then watch a robot do what a sentence says (about 2 minutes after the installation)"
+	@echo "make demo   set up, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, the unit tests and every notebook"
 	@echo "make clean  remove the environment and what runs left behind"

@@ -144,8 +144,16 @@ def evaluate(
 
 
 def mean_and_interval(rewards: Sequence[float], seed: int = 0) -> tuple[float, tuple[float, float]]:
-    """Mean (0-100) and its 95 % interval, by bootstrap over episodes with 10,000 draws."""
+    """Mean (0-100) of rewards in [0, 1] and its 95 % interval, by bootstrap over episodes with 10,000 draws.
+
+    Where all episodes got 0, or all 1, a bootstrap has no width: then the exact binomial bound is given.
+    """
     values = 100 * np.asarray(rewards, float)
+    bound = 100 * 0.025 ** (1 / len(values))
+    if np.allclose(values, 100):
+        return 100.0, (round(bound, 1), 100.0)
+    if np.allclose(values, 0):
+        return 0.0, (0.0, round(100 - bound, 1))
     draws = np.random.default_rng(seed).choice(values, (10_000, len(values))).mean(axis=1)
     low, high = np.percentile(draws, [2.5, 97.5])
     return round(float(values.mean()), 1), (round(float(low), 1), round(float(high), 1))

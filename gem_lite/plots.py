@@ -59,12 +59,13 @@ def show_heightmap(heightmap: HeightMap, action: Action | None = None, title: st
         if action is not None:
             draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
             draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
-            ax.legend(loc="lower right", fontsize=7)
         x_ticks, y_ticks = np.arange(0.3, w.x_max, 0.2), np.arange(-0.4, w.y_max, 0.2)
         ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
         ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
         ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
         ax.set_title(name, fontsize=9)
+    if action is not None:
+        fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
     fig.suptitle(title, fontsize=10)
     return fig
 
@@ -91,7 +92,8 @@ def show_decision(decision: Decision, clip_name: str) -> Figure:
         _bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
         _bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
         if image is None:
-            _bare(axs[2], "image-conditioned map").text(
+            _bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
+            axs[2].text(
                 0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
             )
         else:
@@ -103,14 +105,14 @@ def show_decision(decision: Decision, clip_name: str) -> Figure:
         axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
         for ax in (axs[0], axs[4]):
             ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
-        fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9)
+        fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
         fig.colorbar(scored, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
     fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
     return fig
 
 
 def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
-    """The logits of every angle at one pixel, on a circle; counter-clockwise as on the table."""
+    """The logits of every angle at one pixel, above the lowest of them, on a circle turning as the table does."""
     angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
     values = logits[:, cell[1], cell[2]]
     values = np.append(values, values[0]) - values.min()
@@ -145,8 +147,106 @@ def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
             arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
             ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
         ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color="blue", lw=2.5, zorder=2)
-        ax.text(pose.x, pose.y, 0.15, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
-    ax.set(xlabel="x (m)", ylabel="y (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
+        ax.text(pose.x, pose.y, 0.19, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
+    ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
     ax.set_box_aspect((0.5, 1.0, 0.25))
     ax.view_init(elev=40, azim=-30)
+    return fig
+
+
+def show_tables(tables: Sequence[tuple[str, np.ndarray]]) -> Figure:
+    """Small arrays (H, W) with every entry written into its cell."""
+    width = sum(table.shape[1] for _, table in tables)
+    fig, axes = plt.subplots(
+        1, len(tables), figsize=(0.62 * width + 1, 3.0), width_ratios=[t.shape[1] for _, t in tables],
+        layout="constrained",
+    )  # fmt: skip
+    for ax, (title, table) in zip(np.atleast_1d(axes), tables, strict=True):
+        _bare(ax, title).imshow(table, cmap="Blues", vmin=table.min(), vmax=2 * table.max() - table.min())
+        for (row, col), value in np.ndenumerate(table):
+            ax.text(col, row, f"{value:.3g}", ha="center", va="center", fontsize=9)
+    return fig
+
+
+def show_patches(patches: np.ndarray, scores: np.ndarray, title: str) -> Figure:
+    """Patches (m, n, p, p, 3) in their order, each framed in the colour of its score (m, n) in [0, 1]."""
+    rows, cols = scores.shape
+    fig, axes = plt.subplots(rows, cols, figsize=(0.95 * cols + 0.9, 1.12 * rows + 0.4), layout="constrained")
+    shade = plt.get_cmap(MAP_COLORS)
+    for ax, patch, score in zip(axes.flat, patches.reshape(-1, *patches.shape[2:]), scores.flat, strict=True):
+        _bare(ax, f"{score:.2f}").imshow(patch)
+        for edge in ax.spines.values():
+            edge.set(color=shade(float(np.clip(score, 0, 1))), linewidth=3)
+    scale = plt.cm.ScalarMappable(plt.Normalize(0, 1), MAP_COLORS)
+    fig.colorbar(scale, ax=axes, label="cosine (the frames)", shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top: float = 1.0) -> Figure:
+    """A row of pictures (H, W, 3) and maps (H, W); all maps share one scale from 0 to ``top``. NaN is grey."""
+    widths = [panel.shape[1] / panel.shape[0] for _, panel in panels]
+    size = (min(12.0, 3.6 * sum(widths) + 1.6), 3.9 if sum(widths) < 3.2 else 2.9)
+    fig, axes = plt.subplots(1, len(panels), figsize=size, width_ratios=widths, layout="constrained")
+    axes, shown = np.atleast_1d(axes), None
+    for ax, (title, panel) in zip(axes, panels, strict=True):
+        drawn = _bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
+        ax.set_facecolor("0.7")
+        shown = drawn if panel.ndim == 2 else shown
+    if shown is not None:
+        fig.colorbar(shown, ax=axes, shrink=0.8)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
+                title: str) -> Figure:  # fmt: skip
+    """Figure 2's panel (b): the views and their maps (NaN: outside the workspace), and what they fuse to from above."""
+    fig = plt.figure(figsize=(12, 4.8), layout="constrained")
+    grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
+    for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
+        _bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
+        ax = _bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
+        ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        ax.set_facecolor("0.7")
+    _bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
+    ax = _bare(fig.add_subplot(grid[:, -1]), "fused: map")
+    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
+    """Values of named groups as dots, side by side, with each group's mean as a bar."""
+    fig, ax = plt.subplots(figsize=(1.9 * len(groups) + 1, 3.4), layout="constrained")
+    for column, values in enumerate(groups.values()):
+        spread = np.linspace(-0.14, 0.14, len(values))
+        ax.plot(column + spread, values, "o", ms=4, alpha=0.6, color="C0")
+        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color="C3", lw=2.5)
+    ax.set_xticks(range(len(groups)), groups)
+    ax.set_ylabel(label)
+    ax.grid(axis="y", alpha=0.3)
+    return fig
+
+
+def show_distances(groups: dict[str, np.ndarray], limit: float) -> Figure:
+    """For each group of distances (m), the share that lies within a distance; ``limit`` is marked."""
+    fig, ax = plt.subplots(figsize=(5.4, 3.4), layout="constrained")
+    for name, values in groups.items():
+        ax.step(1000 * np.sort(values), np.arange(1, len(values) + 1) / len(values), where="post", label=name)
+    ax.axvline(1000 * limit, color="0.4", ls="--", label=f"{1000 * limit:.0f} mm")
+    ax.set(xlabel="distance to the nearest right object (mm)", ylabel="share of phrases", xlim=(0, 120), ylim=(0, 1.03))
+    ax.legend(loc="lower right")
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def show_curves(x: Sequence[float], curves: dict[str, np.ndarray], xlabel: str, ylabel: str) -> Figure:
+    """Named curves (N,) over x, from 0 upwards."""
+    fig, ax = plt.subplots(figsize=(5.4, 3.2), layout="constrained")
+    for name, values in curves.items():
+        ax.plot(x, values, "o-", label=name)
+    ax.set(xlabel=xlabel, ylabel=ylabel, ylim=(0, None))
+    ax.legend()
+    ax.grid(alpha=0.3)
     return fig

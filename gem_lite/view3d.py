@@ -20,7 +20,7 @@ FRAME_HEIGHT = 0.12
 def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
     """A point cloud (N, 3) metres with colours (N, 3) uint8, and a red-green-blue frame at each named pose.
 
-    Red is the frame's x (the gripper's yaw), green its y; blue points down at the table, as the tool does.
+    Red is the frame's x (the gripper's yaw), green its y; blue is no axis but the tool's way down to the table.
     """
     with contextlib.redirect_stdout(io.StringIO()):
         scene = meshcat.Visualizer()

@@ -45,7 +45,12 @@ def test_interval_holds_the_mean_and_shrinks():
     assert low <= mean <= high
     wide, (a, b) = high - low, mean_and_interval(many)[1]
     assert b - a < wide
-    assert mean_and_interval([1.0, 1.0])[1] == (100.0, 100.0)
+
+
+def test_interval_of_equal_rewards_is_the_exact_binomial_one():
+    # Clopper-Pearson for n of n: low = (0.025)^(1/n). A bootstrap would claim certainty.
+    assert mean_and_interval([1.0] * 100) == (100.0, (96.4, 100.0))
+    assert mean_and_interval([0.0] * 32) == (0.0, (0.0, 10.9))
 
 
 def test_rows_replace_their_own_cell_only(tmp_path):
