@@ -1,14 +1,16 @@
-"""Patch-level semantic maps (Sec. 3.1): text-conditioned, image-conditioned, and their blend."""
+"""Patch-level semantic maps (Sec. 3.1): text-conditioned, image-conditioned, their blend, their equivariance."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from scipy import ndimage
 
+from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.tabletop.cameras import View
 from gem_lite.tabletop.heightmap import HeightMap, PointLabels, fuse_views, sort_points
 
@@ -137,6 +139,15 @@ def text_conditioned_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.n
     return clip.calibration.scale_text(fused)
 
 
+def single_view_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.ndarray:
+    """The text-conditioned map from the height map's own patches: the paper's "without multi-view" (A.2).
+
+    Returns:
+        (H, W) float32 on the scale of `text_conditioned_map`, by the same calibration.
+    """
+    return clip.calibration.scale_text(scene.top.score(clip.embed_texts([phrase])[0].cpu()))
+
+
 def image_conditioned_map(
     scene: SceneEmbedding, phrase: str, clip: Clip, memory: CropMemory | None, exclude_episode: int | None = None
 ) -> np.ndarray | None:
@@ -160,3 +171,66 @@ def fuse(text: np.ndarray, image: np.ndarray | None, w1: float, w2: float) -> np
     if w1 < 0 or w2 < 0 or w1 + w2 == 0:
         raise ValueError(f"w1 and w2 must not be negative nor both 0, got {w1} and {w2}")
     return text if image is None else (w1 * text + w2 * image) / (w1 + w2)
+
+
+PLATEAU = 0.2
+"""Cells at most this far below a map's peak belong to its plateau, where a match is 1 (chosen on validation scenes)."""
+
+
+def plateau_centre(semantic: np.ndarray) -> tuple[float, float]:
+    """The centre (row, col) of a map's highest plateau: where the map points, since patches blur its peak.
+
+    The plateau is the connected region around the brightest cell, at most `PLATEAU` below it.
+    """
+    regions, _ = ndimage.label(semantic >= semantic.max() - PLATEAU)
+    row, col = np.nonzero(regions == regions.flat[semantic.argmax()])
+    return float(row.mean()), float(col.mean())
+
+
+def frame_averaged(
+    score: Callable[[np.ndarray], np.ndarray], image: np.ndarray, rotations: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Average a map over the rotations C_n of its picture (A.8.5): (1/n) sum_g g^-1 score(g image).
+
+    The result is equivariant: exactly to quarter turns if 4 divides n, to the other turns of C_n up to
+    interpolation. What turning brings in from outside shows the picture's median colour, and what it
+    moves out of the picture is left out of the average.
+
+    Args:
+        score: maps an (S, S, 3) uint8 picture to an (S, S) map.
+        image: (S, S, 3) uint8, a square crop of a height map.
+        rotations: n, at least 1.
+
+    Returns:
+        The averaged map (S, S) float32, and (S, S) bool: cells that no rotation moves out of the picture.
+
+    Raises:
+        ValueError: the picture is not square or not uint8, or n is less than 1.
+    """
+    if image.ndim != 3 or image.shape[0] != image.shape[1] or image.dtype != np.uint8:
+        raise ValueError(f"image must be a square (S, S, 3) uint8 picture, got {image.shape} {image.dtype}")
+    if rotations < 1:
+        raise ValueError(f"rotations must be at least 1, got {rotations}")
+    outside = np.round(np.median(image, axis=(0, 1)))
+    # Relative to the outside's colour, the zeros that rotate_image fills in are that colour. Doubles, so
+    # that a picture and its quarter turn are rounded to the same bytes.
+    relative = torch.from_numpy(image - outside).permute(2, 0, 1)[None]
+    total, weight = np.zeros(image.shape[:2]), np.zeros(image.shape[:2])
+    inside = np.ones(image.shape[:2], bool)
+    for angle in torch.from_numpy(angle_bins(rotations)):
+        turned = rotate_image(relative, angle[None])[0].permute(1, 2, 0).numpy() + outside
+        there = torch.from_numpy(score(np.round(turned).astype(np.uint8)).astype(np.float64))
+        # The map and its mask turn back together, so a cell cut by the border still averages to its map.
+        back, kept = rotate_image(torch.stack([there, torch.ones_like(there)])[None], -angle[None])[0].numpy()
+        total, weight, inside = total + back, weight + kept, inside & (kept > 1 - 1e-4)
+    return (total / weight).astype(np.float32), inside
+
+
+def equivariance_error(score: Callable[[np.ndarray], np.ndarray], image: np.ndarray, rotations: int) -> float:
+    """Mean absolute difference of a plain map and its `frame_averaged` one (A.8.5: 0.02).
+
+    Taken over the cells that no rotation moves out of the picture, in the units of ``score``; the
+    arguments are those of `frame_averaged`.
+    """
+    averaged, inside = frame_averaged(score, image, rotations)
+    return float(np.abs(score(image) - averaged)[inside].mean())

@@ -6,7 +6,7 @@ from gem_lite import clip, crop_memory, semantic_map
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory
 from gem_lite.se2 import Pose2
-from gem_lite.semantic_map import PatchGrid, fuse, patchify, unpatchify
+from gem_lite.semantic_map import PatchGrid, frame_averaged, fuse, patchify, plateau_centre, unpatchify
 from gem_lite.tabletop import tasks
 
 
@@ -154,3 +154,69 @@ def test_crop_is_centred_and_stays_inside(scene_and_truth):
     x, y = w.to_world(80, 40)
     assert np.array_equal(crop_memory.cut(heightmap, Pose2(x, y), 0.125), heightmap.rgb[70:90, 30:50])
     assert crop_memory.cut(heightmap, Pose2(w.x_min + 0.001, w.y_max - 0.001), 0.125).shape == (20, 20, 3)
+
+
+def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):
+    scene, task, action, _ = scene_and_truth
+    single = semantic_map.single_view_map(scene, f"{task.named_colors[1]} bowl", model)
+    row, col = scene.heightmap.workspace.nearest_cell(action.place.x, action.place.y)
+    assert single.shape == LITE.workspace.shape
+    assert single[row, col] > 0.5
+    words = model.embed_texts([f"{task.named_colors[1]} bowl"])[0]
+    assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)))
+
+
+def test_plateau_centre_is_the_middle_of_the_brightest_region_alone():
+    semantic = np.zeros((20, 30), np.float32)
+    semantic[4:9, 10:15] = 1.0
+    semantic[15:18, 20:25] = 0.99  # as bright, but not connected
+    semantic[9:12, 10:15] = 0.7  # connected, but no part of the plateau
+    assert plateau_centre(semantic) == (6.0, 12.0)
+
+
+@pytest.fixture(scope="module")
+def square_and_score(scene_and_truth, model):
+    image = scene_and_truth[0].heightmap.rgb[40:120]
+    words = model.embed_texts(["red block"])[0]
+    return image, lambda picture: semantic_map.embed_patches(picture, PatchGrid((80, 80), 20, 9), model).score(words)
+
+
+@pytest.mark.parametrize("rotations", [4, 8])
+def test_frame_average_commutes_with_quarter_turns(square_and_score, rotations):
+    # Stride 9 does not divide 60: the patch grid itself is not symmetric, so the plain map's error is real.
+    image, score = square_and_score
+    quarter = np.rot90(image).copy()
+    averaged, inside = frame_averaged(score, image, rotations)
+    assert np.allclose(frame_averaged(score, quarter, rotations)[0], np.rot90(averaged), atol=1e-5)
+    assert np.abs(score(quarter) - np.rot90(score(image))).max() > 1e-3
+    assert inside.all() == (rotations == 4)
+
+
+def test_frame_average_leaves_out_what_leaves_the_picture():
+    image = np.full((41, 41, 3), 50, np.uint8)
+    averaged, inside = frame_averaged(lambda picture: np.full(picture.shape[:2], 3.0), image, 8)
+    assert np.allclose(averaged, 3.0, atol=1e-4)
+    offset = np.hypot(*np.mgrid[-20:21, -20:21])
+    assert inside[offset < 19.9].all()
+    assert not inside[offset > 24].any()
+    # The corners that turning opens show the picture's median colour, not black.
+    darkest = []
+    frame_averaged(lambda picture: darkest.append(picture.min()) or picture[..., 0] * 1.0, image, 8)
+    assert min(darkest) == 50
+
+
+def test_equivariance_error_is_0_for_a_score_of_single_pixels_and_not_for_one_of_places():
+    image = np.random.default_rng(3).integers(0, 255, (31, 31, 3), np.uint8)
+    assert semantic_map.equivariance_error(lambda picture: picture[..., 0] / 255, image, 4) < 1e-5
+    ramp = np.tile(np.linspace(0, 1, 31), (31, 1))  # deaf to the picture: its average is 1/2 everywhere
+    expected = np.abs(ramp - 0.5).mean()
+    assert np.isclose(semantic_map.equivariance_error(lambda picture: ramp, image, 4), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "rotations", "name"),
+    [((40, 60, 3), np.uint8, 4, "image"), ((40, 40, 3), np.float32, 4, "image"), ((40, 40, 3), np.uint8, 0, "rota")],
+)
+def test_bad_frames_are_named(shape, kind, rotations, name):
+    with pytest.raises(ValueError, match=name):
+        frame_averaged(lambda picture: picture[..., 0], np.zeros(shape, kind), rotations)
