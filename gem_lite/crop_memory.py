@@ -1,28 +1,49 @@
-"""The demonstrations' crops at pick and place, and their retrieval by phrase (Eq. 2, A.7)."""
+"""The demonstrations' crops at pick and place, and their retrieval by phrase (Sec. 3.1, Eq. 2, A.7)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+import itertools
+import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import safetensors.numpy
 import torch
+from safetensors import SafetensorError, safe_open
 
+from gem_lite.demonstrations import Demonstration, write_whole
 from gem_lite.se2 import Pose2
+from gem_lite.tabletop.gripper import GripperState
 from gem_lite.tabletop.heightmap import HeightMap
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip
 
+ROUNDING = 1e-6
+"""How much the cosines of equal phrases may differ: a matrix product rounds some rows another way."""
+
 
 @dataclass(frozen=True)
 class CropEntry:
-    """One event of a demonstration: what was acted on, in words and as a picture."""
+    """One event of a demonstration: what was acted on, in words and as a picture (H, W, 3) uint8.
+
+    Raises ValueError for an empty phrase or another kind of picture.
+    """
 
     phrase: str
     image: np.ndarray
     episode: int
+
+    def __post_init__(self) -> None:
+        if not self.phrase.strip():
+            raise ValueError(f"phrase must name what was acted on, got {self.phrase!r}")
+        shape, kind = self.image.shape, self.image.dtype
+        if len(shape) != 3 or shape[-1] != 3 or 0 in shape or kind != np.uint8:
+            raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {kind}")
 
 
 class CropMemory:
@@ -32,36 +53,134 @@ class CropMemory:
         entries: what is in it.
         keys: (N, D) text embeddings of the phrases, K of Eq. 2.
         values: (N, D) image embeddings of the crops, E_crop of Eq. 3.
+
+    Raises:
+        ValueError: no entries, or pictures of unequal size.
     """
 
     def __init__(self, entries: Iterable[CropEntry], clip: Clip) -> None:
         self.entries = list(entries)
         if not self.entries:
             raise ValueError("entries is empty: a crop memory needs at least one demonstrated crop")
+        shapes = sorted({entry.image.shape for entry in self.entries})
+        if len(shapes) > 1:
+            raise ValueError(f"entries must hold pictures of one size, got {', '.join(map(str, shapes))}")
         self.keys = clip.embed_texts([entry.phrase for entry in self.entries]).cpu()
         self.values = clip.embed_images(np.stack([entry.image for entry in self.entries])).cpu()
         self._episodes = torch.tensor([entry.episode for entry in self.entries])
 
     def find(self, query: torch.Tensor, exclude_episode: int | None = None) -> tuple[int, float] | None:
-        """Index and cosine of the nearest phrase to a text embedding (D,); None if nothing may be searched."""
+        """Index and cosine of the nearest phrase to a text embedding (D,); None if nothing may be searched.
+
+        Of equally near phrases the first is found. Raises ValueError for a query of another shape.
+        """
+        if query.shape != self.keys.shape[1:]:
+            raise ValueError(f"query must have shape {tuple(self.keys.shape[1:])}, got {tuple(query.shape)}")
         similarity = self.keys @ query
         if exclude_episode is not None:
             similarity = similarity.masked_fill(self._episodes == exclude_episode, -torch.inf)
-        best = int(similarity.argmax())
-        return None if torch.isinf(similarity[best]) else (best, float(similarity[best]))
+        nearest = similarity.max()
+        if torch.isinf(nearest):
+            return None
+        first = int((similarity >= nearest - ROUNDING).int().argmax())
+        return first, float(similarity[first])
 
     def retrieve(
         self, query: torch.Tensor, threshold: float, exclude_episode: int | None = None
     ) -> torch.Tensor | None:
-        """QueriedCrop (Eq. 2): the image embedding (D,) of the nearest phrase's crop, None below ``threshold``."""
+        """QueriedCrop (Eq. 2): the image embedding (D,) of the nearest phrase's crop, None below ``threshold``.
+
+        Raises ValueError for a threshold that is no cosine, or a query of another shape.
+        """
+        if not -1 <= threshold <= 1:
+            raise ValueError(f"threshold must be a cosine in [-1, 1], got {threshold}")
         found = self.find(query, exclude_episode)
-        return None if found is None or found[1] < threshold else self.values[found[0]]
+        return self.values[found[0]] if found and found[1] >= threshold else None
+
+    def pack(self) -> tuple[np.ndarray, list[dict]]:
+        """The pictures (N, H, W, 3) uint8, and for each its phrase and episode, ready for JSON."""
+        labels = [{"phrase": entry.phrase, "episode": entry.episode} for entry in self.entries]
+        return np.stack([entry.image for entry in self.entries]), labels
+
+    @classmethod
+    def unpack(cls, images: np.ndarray, labels: Sequence[dict], clip: Clip) -> CropMemory:
+        """The memory that `pack` took apart, embedded by any CLIP."""
+        return cls([CropEntry(image=image, **label) for image, label in zip(images, labels, strict=True)], clip)
+
+    def save(self, path: Path) -> None:
+        """Write the crops, not their embeddings, to one safetensors file."""
+        images, labels = self.pack()
+        text = json.dumps(labels)
+        metadata = {"entries": text, "sha256": _digest(images, text)}
+        write_whole(Path(path), safetensors.numpy.save({"images": images}, metadata))
+
+    @classmethod
+    def load(cls, path: Path, clip: Clip) -> CropMemory:
+        """Read and verify what `save` wrote, and embed it.
+
+        Raises:
+            FileNotFoundError: no such file.
+            ValueError: cut off, changed, or not written by `save`.
+        """
+        try:
+            with safe_open(path, "np") as file:
+                metadata, images = file.metadata() or {}, file.get_tensor("images")
+        except SafetensorError as error:
+            raise ValueError(f"{path} is cut off or no crop memory: {error}") from error
+        text = metadata.get("entries", "")
+        if metadata.get("sha256") != _digest(images, text):
+            raise ValueError(f"{path} was changed or is no crop memory: its SHA-256 is not the one it was saved with")
+        return cls.unpack(images, json.loads(text), clip)
+
+
+def _digest(images: np.ndarray, text: str) -> str:
+    return hashlib.sha256(f"{images.dtype} {images.shape} {text}".encode() + images.tobytes()).hexdigest()
+
+
+def events(trace: Sequence[GripperState]) -> list[tuple[Literal["pick", "place"], Pose2]]:
+    """When and where the gripper closed on something ("pick") and let it go ("place"), in order (Sec. 3.1)."""
+    return [
+        ("pick" if after.holding else "place", Pose2(after.x, after.y, after.yaw))
+        for before, after in itertools.pairwise(trace)
+        if before.holding != after.holding
+    ]
+
+
+def collect_crops(
+    demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float
+) -> list[CropEntry]:
+    """What every event of the demonstrations acted on, as it looked before the action (Sec. 3.1).
+
+    Args:
+        heightmaps: one for each step's observation, in the order of episodes and steps.
+        side: of a crop, in metres.
+
+    Raises:
+        ValueError: another number of height maps, or a ``side`` that `cut` refuses.
+    """
+    steps = [(episode, step) for episode, demonstration in enumerate(demonstrations) for step in demonstration.steps]
+    if len(heightmaps) != len(steps):
+        raise ValueError(f"heightmaps must be one for each of {len(steps)} steps, got {len(heightmaps)}")
+    return [
+        CropEntry(getattr(step.phrases, kind), cut(heightmap, pose, side), episode)
+        for (episode, step), heightmap in zip(steps, heightmaps, strict=True)
+        for kind, pose in events(step.trace)
+    ]
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:
-    """The square of ``side`` metres around a pose, moved inside the map where it would stick out."""
+    """The square of ``side`` metres around a pose, moved inside the map where it would stick out.
+
+    Returns:
+        (S, S, 3) uint8, a view of the map's colours.
+
+    Raises:
+        ValueError: the pose lies outside the map, or the square does not fit into it.
+    """
     size = round(side / heightmap.workspace.pixel)
     row, col = heightmap.workspace.nearest_cell(pose.x, pose.y)
     height, width = heightmap.rgb.shape[:2]
+    if not 1 <= size <= min(height, width):
+        raise ValueError(f"side must make 1 to {min(height, width)} cells of the map, got {side} m: {size} cells")
     top, left = np.clip(row - size // 2, 0, height - size), np.clip(col - size // 2, 0, width - size)
     return heightmap.rgb[top : top + size, left : left + size]

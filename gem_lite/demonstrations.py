@@ -21,23 +21,27 @@ from gem_lite import language
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.cameras import Camera, View
+from gem_lite.tabletop.gripper import GripperState
 from gem_lite.tabletop.tasks import ExpertAction
 from gem_lite.tabletop.world import Observation, World
 
-SCHEMA = 1
+SCHEMA = 2
 DEPTH_UNIT = 1e-4
 """Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
 
 
 @dataclass(frozen=True)
 class DemonstrationStep:
-    """What the robot saw, was told and did: enough to recompute every map and label."""
+    """What the robot saw, was told and did: enough to recompute every map, label and crop.
+
+    ``observation`` was made before the action; ``trace`` is the gripper's log during it.
+    """
 
     observation: Observation
     instruction: str
     phrases: language.Phrases
     expert: ExpertAction
-    grasped: bool
+    trace: tuple[GripperState, ...]
     reward: float
 
 
@@ -52,12 +56,21 @@ class Demonstration:
 
 
 def _quantized(observation: Observation) -> Observation:
-    """Depth as the files hold it, so that fresh and loaded demonstrations are equal."""
+    """Depth as the files hold it."""
     views = []
     for view in observation.views:
         depth = np.round(np.clip(view.depth / DEPTH_UNIT, 0, 65535)).astype(np.uint16)
         views.append(dataclasses.replace(view, depth=depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
     return Observation(tuple(views))
+
+
+def _pack(trace: Sequence[GripperState]) -> np.ndarray:
+    """(T, 4) float32: x, y, yaw, holding."""
+    return np.array(trace, np.float32).reshape(-1, 4)
+
+
+def _unpack(trace: np.ndarray) -> tuple[GripperState, ...]:
+    return tuple(GripperState(x, y, yaw, bool(holding)) for x, y, yaw, holding in trace.tolist())
 
 
 def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> Demonstration:
@@ -70,10 +83,11 @@ def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> De
         if expert is None:
             break
         result = world.step(expert.action)
+        # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
                 _quantized(observation), task.instruction, language.parse(task.instruction), expert,
-                result.grasped, result.reward,
+                _unpack(_pack(result.trace)), result.reward,
             )
         )  # fmt: skip
         observation = result.observation
@@ -123,11 +137,11 @@ def _encode(demonstration: Demonstration) -> bytes:
         for j, view in enumerate(step.observation.views):
             arrays[f"rgb-{i}-{j}"] = _png(view.rgb[..., ::-1])
             arrays[f"depth-{i}-{j}"] = _png(np.round(view.depth / DEPTH_UNIT).astype(np.uint16))
+        arrays[f"trace-{i}"] = _pack(step.trace)
         steps.append({
             "instruction": step.instruction,
             "phrases": dataclasses.asdict(step.phrases),
             "expert": dataclasses.asdict(step.expert),
-            "grasped": step.grasped,
             "reward": step.reward,
             "cameras": [dataclasses.asdict(view.camera) for view in step.observation.views],
         })  # fmt: skip
@@ -158,7 +172,7 @@ def _decode(content: bytes) -> Demonstration:
         steps.append(
             DemonstrationStep(
                 Observation(tuple(views)), step["instruction"], language.Phrases(**step["phrases"]), expert,
-                step["grasped"], step["reward"],
+                _unpack(arrays[f"trace-{i}"]), step["reward"],
             )
         )  # fmt: skip
     return Demonstration(meta["task"], meta["split"], meta["seed"], tuple(steps))
@@ -197,7 +211,7 @@ def read_manifest(folder: Path) -> dict:
         raise ValueError(f"{path} is cut off or no JSON: {error}") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
         found = manifest.get("schema") if isinstance(manifest, dict) else manifest
-        raise ValueError(f"{path} has schema {found!r}; this version reads schema {SCHEMA}")
+        raise ValueError(f"{path} has schema {found!r}; this version reads schema {SCHEMA}: collect the set again")
     if not isinstance(manifest.get("files"), dict):
         raise ValueError(f"{path} lists no files: it is not a whole manifest")
     return manifest

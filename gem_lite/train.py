@@ -25,7 +25,7 @@ from gem_lite import augment, clip, config, demonstrations, semantic_map
 from gem_lite.augment import Sample
 from gem_lite.clip import Clip
 from gem_lite.config import Config
-from gem_lite.crop_memory import CropEntry, CropMemory, cut
+from gem_lite.crop_memory import CropMemory, collect_crops
 from gem_lite.demonstrations import Demonstration
 from gem_lite.gem import Policy, crop_at, to_rgbd
 
@@ -52,14 +52,7 @@ def prepare(demos: Sequence[Demonstration], model: Clip, settings: Config) -> tu
         semantic_map.embed_scene(step.observation.views, model, settings)
         for _, step in tqdm(steps, desc="semantic maps", unit="scene")
     ]
-    entries = []
-    for (episode, step), scene in zip(steps, scenes, strict=True):
-        if not step.grasped:
-            continue  # No pick or place event happened: the gripper never closed on anything.
-        action, phrases = step.expert.action, step.phrases
-        for phrase, pose in ((phrases.pick, action.pick), (phrases.place, action.place)):
-            entries.append(CropEntry(phrase, cut(scene.heightmap, pose, settings.top_patch), episode))
-    memory = CropMemory(entries, model)
+    memory = CropMemory(collect_crops(demos, [scene.heightmap for scene in scenes], settings.top_patch), model)
     prepared = []
     for (episode, step), scene in zip(steps, scenes, strict=True):
         rgbd, action, workspace = to_rgbd(scene.heightmap), step.expert.action, settings.workspace
@@ -217,8 +210,8 @@ def save_policy(policy: Policy, path: Path, facts: dict) -> None:
     }
     entries = []
     if policy.memory is not None:
-        tensors["memory.images"] = torch.from_numpy(np.stack([entry.image for entry in policy.memory.entries]))
-        entries = [{"phrase": entry.phrase, "episode": entry.episode} for entry in policy.memory.entries]
+        images, entries = policy.memory.pack()
+        tensors["memory.images"] = torch.from_numpy(images)
     content = safetensors.torch.save(tensors)
     card = {
         "method": policy.name,
@@ -270,9 +263,7 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Poli
     tensors = safetensors.torch.load(content)
     memory = None
     if card["memory"]:
-        images = tensors["memory.images"].numpy()
-        entries = zip(card["memory"], images, strict=True)
-        memory = CropMemory([CropEntry(e["phrase"], image, e["episode"]) for e, image in entries], model)
+        memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
     policy = Policy(found, model, memory)
     with torch.no_grad():
         for role, module in (("pick", policy.pick), ("place", policy.place)):

@@ -7,7 +7,6 @@ import torch
 
 from gem_lite import clip, train
 from gem_lite.config import LITE
-from gem_lite.crop_memory import CropEntry, CropMemory
 from gem_lite.gem import Policy
 from gem_lite.train import load_policy, prepare, save_policy
 
@@ -45,6 +44,17 @@ def test_labels_lie_on_the_expert(prepared, demonstrations_small):
     assert sample.delta == pytest.approx(expert.delta)
     # The block is really there, in the height channel of the picture.
     assert sample.image[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
+
+
+def test_the_memory_holds_what_every_step_picked(prepared, demonstrations_small):
+    steps, memory = prepared
+    assert [entry.episode for entry in memory.entries[::2]] == [
+        i for i, d in enumerate(demonstrations_small) for _ in d.steps
+    ]
+    for step, entry in zip(steps, memory.entries[::2], strict=True):
+        row, col = (round(coordinate) for coordinate in step.with_image.pick)
+        centre = (step.with_image.image[:3, row, col].numpy() + 0.2) * 255
+        assert np.allclose(entry.image[10, 10], centre, atol=0.1)
 
 
 def test_training_retrieval_never_finds_its_own_episode(model, demonstrations_small):
@@ -168,12 +178,3 @@ def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstratio
             policy.act(observation, sentence)
     with pytest.raises(ValueError, match="rgb of camera"):
         dataclasses.replace(observation.views[0], rgb=observation.views[0].rgb[:100])
-
-
-def test_crop_memory_counts_grasps_only(model, demonstrations_small):
-    missed = dataclasses.replace(demonstrations_small[0].steps[0], grasped=False)
-    demo = dataclasses.replace(demonstrations_small[0], steps=(missed,))
-    _, memory = prepare([demo, demonstrations_small[1]], model, SMALL)
-    assert {entry.episode for entry in memory.entries} == {1}
-    assert isinstance(memory, CropMemory)
-    assert all(isinstance(entry, CropEntry) for entry in memory.entries)

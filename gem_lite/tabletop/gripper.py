@@ -5,6 +5,8 @@ All motions are counted in simulation steps; a motion that meets its budget stop
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pybullet as p
 
@@ -22,10 +24,25 @@ TURN = 0.03
 MOTION_STEPS = 1200
 """Budget of one motion in simulation steps."""
 FORCE = 200.0
+LOG_EVERY = 8
+"""Simulation steps between two states in the log: 30 a second."""
+
+
+class GripperState(NamedTuple):
+    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether its suction holds."""
+
+    x: float
+    y: float
+    yaw: float
+    holding: bool
 
 
 class SuctionGripper:
-    """The tool of one world. ``held`` is the id of the body it carries, or None."""
+    """The tool of one world.
+
+    ``held`` is the id of the body it carries, or None; ``trace`` the states it went through since its
+    owner last cleared it, one every `LOG_EVERY` simulation steps of a motion.
+    """
 
     def __init__(self, client: int) -> None:
         self._client = client
@@ -39,6 +56,8 @@ class SuctionGripper:
         self._target, self._yaw = np.array(PARKED), 0.0
         self._suction: int | None = None
         self.held: int | None = None
+        self.trace: list[GripperState] = []
+        self._clock = 0
 
     @property
     def yaw(self) -> float:
@@ -116,7 +135,7 @@ class SuctionGripper:
             step = rest * min(1.0, STRIDE / max(distance, 1e-9))
             self._advance(self._target + step, self._yaw + float(np.clip(turn, -TURN, TURN)))
         for _ in range(10):
-            p.stepSimulation(physicsClientId=self._client)
+            self._simulate()
 
     def _advance(self, target: np.ndarray, yaw: float) -> None:
         self._target, self._yaw = target, yaw
@@ -124,4 +143,11 @@ class SuctionGripper:
             self._drive, target.tolist(), jointChildFrameOrientation=quaternion(yaw), maxForce=FORCE,
             physicsClientId=self._client,
         )  # fmt: skip
+        self._simulate()
+
+    def _simulate(self) -> None:
         p.stepSimulation(physicsClientId=self._client)
+        self._clock += 1
+        if self._clock % LOG_EVERY == 0:
+            x, y, _ = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)[0]
+            self.trace.append(GripperState(x, y, self.yaw, self.held is not None))

@@ -13,7 +13,7 @@ import pybullet as p
 from gem_lite import colors
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.tabletop.cameras import CAMERAS, View, render
-from gem_lite.tabletop.gripper import SuctionGripper
+from gem_lite.tabletop.gripper import GripperState, SuctionGripper
 from gem_lite.tabletop.shapes import Body
 
 if TYPE_CHECKING:
@@ -37,12 +37,16 @@ class Observation:
 
 @dataclass(frozen=True)
 class Step:
-    """What an action led to. ``reward`` is the change of the task's score, in [-1, 1]."""
+    """What an action led to.
+
+    ``reward`` is the change of the task's score, in [-1, 1]; ``trace`` what the gripper logged of itself.
+    """
 
     observation: Observation
     reward: float
     done: bool
     grasped: bool
+    trace: tuple[GripperState, ...]
 
 
 class World:
@@ -150,6 +154,7 @@ class World:
             if not math.isfinite(pose.yaw):
                 raise ValueError(f"action.{name} = {pose} has a yaw that is not a finite number of radians")
         before = self.task.score(self)
+        self.gripper.trace.clear()
         grasped = self.gripper.pick(action.pick, {body.id for body in self.bodies if body.movable})
         if watch:
             watch("picked")
@@ -162,4 +167,4 @@ class World:
         self.steps_taken += 1
         score = self.task.score(self)
         done = score > 0.99 or self.steps_taken >= self.task.max_steps
-        return Step(self.observe(), score - before, done, grasped)
+        return Step(self.observe(), score - before, done, grasped, tuple(self.gripper.trace))
