@@ -26,6 +26,8 @@ from gem_lite.train import load_policy, read_card
 RESULTS = clip.DATA / "results"
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
+IDENTITY = ("method", "task", "subset", "demos", "seed", "config", "split", "start")
+"""What names a cell of the policies' results: a newer row of the same cell replaces the older one."""
 Actor = Callable[[World, Observation], Action | None]
 """Chooses an action. Only experts look at the world; a policy's actor passes on the observation alone."""
 
@@ -170,9 +172,8 @@ def result_row(method: str, task_name: str, found: Sequence[Episode], subset: st
     }  # fmt: skip
 
 
-def file_rows(rows: Sequence[dict], path: Path) -> None:
-    """Append rows to a JSON-lines file; an older row of the same cell is replaced."""
-    identity = ("method", "task", "subset", "demos", "seed", "config", "split", "start")
+def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
+    """Append rows to a JSON-lines file; an older row that agrees in all of ``identity`` is replaced."""
 
     def key(row: dict) -> tuple:
         return tuple(row.get(name) for name in identity)

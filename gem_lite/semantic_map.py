@@ -128,15 +128,45 @@ def top_grid(config: Config) -> PatchGrid:
     return PatchGrid(config.workspace.shape, patch, stride)
 
 
-def text_conditioned_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.ndarray:
+TEMPLATES = ("{}", "a {}", "the {}", "a photo of a {}", "a picture of the {}")
+"""Wordings whose mean embedding can stand for a phrase (CLIP's prompt ensemble)."""
+
+
+def embed_phrase(phrase: str, clip: Clip, templates: Sequence[str] = ()) -> torch.Tensor:
+    """A phrase's embedding (D,), on the CPU: its own or, with templates, the mean of its wordings' embeddings.
+
+    Raises:
+        ValueError: an empty phrase, or a template without ``{}``.
+    """
+    if any("{}" not in template for template in templates):
+        raise ValueError(f"each of templates must have a place {{}} for the phrase, got {list(templates)}")
+    if not phrase.strip():
+        raise ValueError(f"phrase must not be empty, got {phrase!r}")
+    wordings = [template.format(phrase) for template in templates] or [phrase]
+    return torch.nn.functional.normalize(clip.embed_texts(wordings).mean(dim=0), dim=0).cpu()
+
+
+def text_conditioned_map(
+    scene: SceneEmbedding, phrase: str, clip: Clip, templates: Sequence[str] = (), against: Sequence[str] = ()
+) -> np.ndarray:
     """M_text (Eq. 1): every view's patches scored against a phrase, fused from above by point cloud.
+
+    Args:
+        templates: wordings to average, such as `TEMPLATES`; the paper has none.
+        against: other phrases. Where one of them scores above the empty table, that much is taken off:
+            "yellow screwdriver" against "yellow block" fades on the block. The paper has none.
 
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
     """
-    embedding = clip.embed_texts([phrase])[0].cpu()
-    fused, _ = scene.points.project([side.score(embedding) for side in scene.sides])
-    return clip.calibration.scale_text(fused)
+
+    def score(words: str) -> np.ndarray:
+        embedding = embed_phrase(words, clip, templates)
+        fused, _ = scene.points.project([side.score(embedding) for side in scene.sides])
+        return clip.calibration.scale_text(fused)
+
+    own = score(phrase)
+    return own - np.maximum.reduce([score(other) for other in against] + [np.zeros_like(own)]) if against else own
 
 
 def single_view_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.ndarray:
@@ -145,7 +175,7 @@ def single_view_map(scene: SceneEmbedding, phrase: str, clip: Clip) -> np.ndarra
     Returns:
         (H, W) float32 on the scale of `text_conditioned_map`, by the same calibration.
     """
-    return clip.calibration.scale_text(scene.top.score(clip.embed_texts([phrase])[0].cpu()))
+    return clip.calibration.scale_text(scene.top.score(embed_phrase(phrase, clip)))
 
 
 def image_conditioned_map(
@@ -162,7 +192,7 @@ def image_conditioned_map(
     """
     if memory is None:
         return None
-    crop = memory.retrieve(clip.embed_texts([phrase])[0].cpu(), clip.calibration.retrieval_threshold, exclude_episode)
+    crop = memory.retrieve(embed_phrase(phrase, clip), clip.calibration.retrieval_threshold, exclude_episode)
     return None if crop is None else clip.calibration.scale_image(scene.top.score(crop))
 
 

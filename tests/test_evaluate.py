@@ -75,6 +75,7 @@ def test_unknown_method_task_and_count_are_named():
 
 def test_stored_rows_are_complete():
     rows = [json.loads(line) for path in evaluate.RESULTS.glob("*.jsonl") for line in path.read_text().splitlines()]
+    rows = [row for row in rows if "method" in row]  # a policy's; the pointing game's have other keys
     assert rows
     for row in rows:
         assert row["episodes"] > 0

@@ -5,7 +5,6 @@ import torch
 from gem_lite import clip, crop_memory, semantic_map
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory
-from gem_lite.se2 import Pose2
 from gem_lite.semantic_map import PatchGrid, frame_averaged, fuse, patchify, plateau_centre, unpatchify
 from gem_lite.tabletop import tasks
 
@@ -118,26 +117,8 @@ def test_image_map_finds_the_demonstrated_thing_again(scene_and_truth, model):
     assert np.median(image) < 0.3
 
 
-def test_retrieval_excludes_and_refuses(model):
-    picture = np.full((20, 20, 3), 128, np.uint8)
-    memory = CropMemory([CropEntry("red block", picture, 0), CropEntry("green bowl", picture, 1)], model)
-    threshold = model.calibration.retrieval_threshold
-    query = model.embed_texts(["red blocks"])[0]
-    assert memory.find(query)[0] == 0
-    assert memory.retrieve(query, threshold) is not None
-    assert memory.retrieve(query, threshold, exclude_episode=0) is None
-    assert memory.retrieve(model.embed_texts(["blue blocks"])[0], threshold) is None
-    alone = CropMemory([CropEntry("red block", picture, 0)], model)
-    assert alone.find(query, exclude_episode=0) is None
-
-
 def test_no_memory_means_no_image_map(scene_and_truth, model):
     assert semantic_map.image_conditioned_map(scene_and_truth[0], "red block", model, None) is None
-
-
-def test_empty_memory_is_refused(model):
-    with pytest.raises(ValueError, match="entries"):
-        CropMemory([], model)
 
 
 def test_fuse_is_the_weighted_mean():
@@ -146,14 +127,6 @@ def test_fuse_is_the_weighted_mean():
     assert fuse(text, None, 0.8, 0.2) is text
     with pytest.raises(ValueError, match="w1 and w2"):
         fuse(text, image, 0, 0)
-
-
-def test_crop_is_centred_and_stays_inside(scene_and_truth):
-    heightmap = scene_and_truth[0].heightmap
-    w = heightmap.workspace
-    x, y = w.to_world(80, 40)
-    assert np.array_equal(crop_memory.cut(heightmap, Pose2(x, y), 0.125), heightmap.rgb[70:90, 30:50])
-    assert crop_memory.cut(heightmap, Pose2(w.x_min + 0.001, w.y_max - 0.001), 0.125).shape == (20, 20, 3)
 
 
 def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):

@@ -35,6 +35,8 @@ class PutBlockInBowl:
         self.max_steps = 0
         self.named_colors: tuple[str, str] = ("", "")
         """The colours of the blocks and of the bowl that the instruction names."""
+        self.names: dict[int, str] = {}
+        """What each body is, such as "red block", by its id: for scoring maps alone, no policy sees it."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """Lay out the scene. Raises RuntimeError if a named object finds no place (never seen)."""
@@ -47,11 +49,15 @@ class PutBlockInBowl:
         if None in self._bowls + self._blocks:
             raise RuntimeError("a bowl or block that the instruction names found no free place")
         others = [name for name in colors.RGB if name not in (block_color, bowl_color)]
-        for index in range(DISTRACTORS):
+        self.names = {body.id: f"{block_color} block" for body in self._blocks}
+        self.names |= {body.id: f"{bowl_color} bowl" for body in self._bowls}
+        for color in others[:DISTRACTORS]:
             if rng.random() < 0.5:
-                self._add_block(world, free, others[index])
+                noun, body = "block", self._add_block(world, free, color)
             else:
-                self._add_bowl(world, free, others[index], movable=True)
+                noun, body = "bowl", self._add_bowl(world, free, color, movable=True)
+            if body is not None:
+                self.names[body.id] = f"{color} {noun}"
         self.named_colors = (block_color, bowl_color)
         self.instruction = f"put the {block_color} blocks in a {bowl_color} bowl"
         self.max_steps = block_count + 1

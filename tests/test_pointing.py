@@ -1,0 +1,248 @@
+import dataclasses
+import itertools
+import json
+import sys
+
+import numpy as np
+import pytest
+from shapely.geometry import Point
+
+from gem_lite import calibration, clip, colors, crop_memory, evaluate, pointing
+from gem_lite.config import LITE
+from gem_lite.crop_memory import CropEntry, CropMemory
+from gem_lite.pointing import Pointing, lay_out, point
+from gem_lite.se2 import Pose2
+from gem_lite.tabletop import shapes, tasks
+from gem_lite.tabletop.heightmap import fuse_views
+
+SEED = tasks.episode_seed("val", 900_000)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def scenes(world):
+    """A scene of each kind that no result is made of."""
+    return {kind: lay_out(kind, world, SEED) for kind in pointing.KINDS}
+
+
+def peak_at(x, y):
+    """A map (H, W) with a 3 x 3 plateau around the cell at (x, y)."""
+    semantic = np.zeros(LITE.workspace.shape, np.float32)
+    row, col = LITE.workspace.nearest_cell(x, y)
+    semantic[row - 1 : row + 2, col - 1 : col + 2] = 1.0
+    return semantic
+
+
+@pytest.mark.parametrize("kind", pointing.KINDS)
+def test_a_seed_makes_one_scene(world, scenes, kind):
+    again, other = lay_out(kind, world, SEED), lay_out(kind, world, SEED + 1)
+    assert again.questions == scenes[kind].questions
+    assert again.poses == scenes[kind].poses
+    assert np.array_equal(again.views[0].rgb, scenes[kind].views[0].rgb)
+    assert other.poses != again.poses
+
+
+def test_pieces_differ_in_colour_or_shape_and_two_are_asked_for(world, scenes):
+    # Ten of 140 pairs drawn without care would meet in about one scene of four.
+    for scene in [scenes["shapes"], *(pointing.lay_out_shapes(world, SEED + i) for i in range(2, 8))]:
+        assert len(scene.names) == len(set(scene.names.values())) == pointing.PIECES
+        assert {name.split()[0] for name in scene.names.values()} <= set(colors.UNSEEN)
+        assert len(set(scene.questions)) == pointing.QUESTIONS
+        assert all(len(scene.right(name)) == 1 and phrase == name for phrase, name in scene.questions)
+
+
+def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
+    counts = set()
+    for seed in range(SEED, SEED + 4):
+        scene = pointing.lay_out_bowls(world, seed)
+        (pick, block), (place, bowl) = scene.questions
+        assert (pick, place) == (f"{block}s", bowl)
+        assert world.task.instruction == f"put the {pick} in a {place}"
+        # The task fixes the named bowls and no others, and allows one step a block and one more.
+        fixed = [world.pose(body)[0] for body in world.bodies if not body.movable]
+        assert scene.right(bowl) == fixed
+        assert len(scene.right(block)) == world.task.max_steps - 1
+        assert len(scene.names) == len(world.bodies)
+        counts.add(len(fixed))
+    assert len(counts) > 1
+
+
+@pytest.mark.parametrize("kind", pointing.KINDS)
+def test_masks_lie_where_the_bodies_are(scenes, kind):
+    # Tells a mirrored, turned, shifted or half-a-cell wrong mask.
+    scene, offsets = scenes[kind], []
+    for body, pose in scene.poses.items():
+        name = scene.names[body].split(" ", 1)[1]
+        middle = shapes.outline(name).centroid if kind == "shapes" else Point(0, 0)
+        at = pose @ Pose2(middle.x, middle.y)
+        offsets.append(np.argwhere(scene.above == body).mean(axis=0) - LITE.workspace.to_pixel(at.x, at.y))
+    assert np.abs(offsets).max() < 0.4
+    assert np.abs(np.mean(offsets, axis=0)).max() < 0.15
+
+
+def test_a_bowl_has_no_hole_from_above(scenes):
+    scene = scenes["bowls"]
+    bowls = [body for body, name in scene.names.items() if name.endswith("bowl")]
+    area = np.pi * 58**2
+    for body in bowls:
+        assert (scene.above == body).sum() * (1000 * LITE.pixel) ** 2 == pytest.approx(area, rel=0.05)
+
+
+def test_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
+    scene = scenes["bowls"]
+    for question in scene.questions:
+        for pose in scene.right(question[1]):
+            found = point(peak_at(pose.x, pose.y), "fused", scene, question)
+            assert found.near
+            assert found.exact
+            assert found.shown == question[1]
+            assert found.distance <= LITE.pixel / np.sqrt(2)
+            assert (found.row, found.col) == LITE.workspace.nearest_cell(pose.x, pose.y)
+
+
+def test_a_peak_on_the_table_misses_and_one_on_another_body_names_it(scenes):
+    scene = scenes["bowls"]
+    question = scene.questions[0]
+    rows, cols = np.indices(LITE.workspace.shape)
+    x, y = LITE.workspace.to_world(rows, cols)
+    free = np.min([np.hypot(x - pose.x, y - pose.y) for pose in scene.poses.values()], axis=0)
+    free[[0, -1]] = free[:, [0, -1]] = 0  # so that the plateau fits
+    cell = np.unravel_index(free.argmax(), free.shape)
+    missed = point(peak_at(x[cell], y[cell]), "fused", scene, question)
+    assert (missed.near, missed.exact, missed.shown) == (False, False, "table")
+    assert missed.distance >= free.max() - 1e-9
+    other, name = next((body, name) for body, name in scene.names.items() if name != question[1])
+    wrong = point(peak_at(scene.poses[other].x, scene.poses[other].y), "fused", scene, question)
+    assert (wrong.near, wrong.exact, wrong.shown) == (False, False, name)
+
+
+def test_near_is_within_the_radius():
+    at = Pointing(0, "red block", "fused", 0.0, 0.0, pointing.RADIUS, "table", False)
+    assert at.near
+    assert not dataclasses.replace(at, distance=pointing.RADIUS + 1e-6).near
+
+
+def test_the_truth_reaches_no_map(scenes, model):
+    scene = scenes["bowls"]
+    true = pointing.play_scene(scene, model, None)
+    turned = dict(zip(scene.poses, [*list(scene.poses.values())[1:], next(iter(scene.poses.values()))], strict=True))
+    false = pointing.play_scene(dataclasses.replace(scene, poses=turned, above=np.zeros_like(scene.above)), model, None)
+    assert [(p.row, p.col) for p in true] == [(p.row, p.col) for p in false]
+    assert [p.distance for p in true] != [p.distance for p in false]
+    assert not any(p.exact for p in false)
+
+
+def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, model):
+    scene = scenes["shapes"]
+    (known, _), (unknown, _) = scene.questions
+    body = next(body for body, name in scene.names.items() if name == known)
+    crop = crop_memory.cut(fuse_views(scene.views, LITE.workspace), scene.poses[body], LITE.top_patch)
+    found = pointing.play_scene(scene, model, CropMemory([CropEntry(known, crop, 0)], model))
+    assert [p.map for p in found if p.phrase == known] == list(pointing.MAPS)
+    assert [p.map for p in found if p.phrase == unknown] == ["fused", "single-view", "blended"]
+    fused, _, blended = ((p.row, p.col) for p in found if p.phrase == unknown)
+    assert fused == blended
+    rows = {row["map"]: row for row in pointing.result_rows("shapes", found, {})}
+    assert (rows["image"]["phrases"], rows["image"]["without_crop"]) == (1, 1)
+    assert (rows["fused"]["phrases"], rows["fused"]["without_crop"]) == (2, 0)
+
+
+def test_workers_play_as_this_process_does(world, model):
+    seeds = pointing.scene_seeds(1)
+    crops = [CropEntry("blue hexagon", np.full((20, 20, 3), 90, np.uint8), 0)]
+    memory = CropMemory(crops, model)
+    here = pointing.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
+    there = pointing.play("shapes", 1, memory, processes=1)
+    assert [dataclasses.replace(p, distance=0) for p in here] == [dataclasses.replace(p, distance=0) for p in there]
+    assert np.allclose([p.distance for p in here], [p.distance for p in there])
+
+
+def test_rates_of_known_outcomes():
+    def pointings(outcomes):
+        return [Pointing(seed, str(i), "fused", 0, 0, 0, "", hit) for i, (seed, hit) in enumerate(outcomes)]
+
+    def rate(outcomes):
+        return pointing.rate(pointings(outcomes), lambda p: p.exact)
+
+    assert rate([(seed, True) for seed in range(100)]) == {"mean": 100.0, "ci95": [96.4, 100.0]}
+    # A scene counts once, however many of its phrases are left: (1 + 0 + 1/2) / 3.
+    assert rate([(0, True), (1, False), (2, True), (2, False)])["mean"] == 50.0
+    assert rate([(0, True), (0, True), (0, True), (1, False)])["mean"] == 50.0
+    # Phrases of one scene that hit or miss together make the interval wider than as many scenes would.
+    together = rate([(seed, seed % 2 == 0) for seed in range(20) for _ in range(10)])["ci95"]
+    apart = rate([(seed, seed % 2 == 0) for seed in range(200)])["ci95"]
+    assert together[1] - together[0] > 2 * (apart[1] - apart[0])
+    assert rate([]) is None
+
+
+def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
+    path = tmp_path / "pointing.jsonl"
+    for fingerprint, hit in (("a", False), ("b", False), ("a", True)):
+        found = [Pointing(s, "red block", m, 0, 0, 0.5 - 0.5 * hit, "", hit) for s in (3, 4) for m in pointing.MAPS]
+        facts = {"clip": "tiny", "fingerprint": fingerprint, "config": "lite"}
+        evaluate.file_rows(pointing.result_rows("bowls", found, facts), path, pointing.IDENTITY)
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert len(rows) == 2 * len(pointing.MAPS)
+    for row in rows:
+        expected = 100.0 * (row["fingerprint"] == "a")
+        assert row["exact"]["mean"] == row["within_20mm"]["mean"] == expected
+        assert (row["kind"], row["scenes"], row["scene_count"], row["seeds"]) == ("pointing", "bowls", 2, [3, 4])
+
+
+def test_scenes_are_in_no_evaluation_and_no_calibration():
+    seeds = set(pointing.scene_seeds(1000))
+    assert len(seeds) == 1000
+    assert not seeds & {tasks.episode_seed("val", index) for index in range(calibration.SCENES)}
+    rows = [json.loads(line) for line in (evaluate.RESULTS / "put-block-in-bowl.jsonl").read_text().splitlines()]
+    assert rows
+    for row in rows:
+        # A subset holds fewer episodes than were run, so look as far as the largest.
+        longest = max(other["episodes"] for other in rows)
+        first = tasks.episode_seed(row["split"], row["start"])
+        assert not seeds & set(range(first, first + longest))
+
+
+def test_crops_are_of_training_scenes_in_seen_colours(model, monkeypatch):
+    monkeypatch.setattr(pointing, "TRAINING_SCENES", 1)
+    memory = pointing.demonstrated_crops("shapes", model)
+    assert len(memory.entries) == pointing.PIECES
+    assert {entry.phrase.split()[0] for entry in memory.entries} <= set(colors.SEEN)
+    side = round(LITE.top_patch / LITE.pixel)
+    for entry in memory.entries:
+        assert entry.image.shape == (side, side, 3)
+    # Each shows a piece: something brighter than the table, and no two are alike.
+    assert min(entry.image.max() for entry in memory.entries) > 2 * max(colors.TABLE)
+    assert all(not np.array_equal(a.image, b.image) for a, b in itertools.combinations(memory.entries, 2))
+
+
+def test_crops_of_demonstrations_are_of_what_was_named(demo_set, model, monkeypatch):
+    folder, demos = demo_set
+    monkeypatch.setattr(pointing, "DEMONSTRATIONS", folder)
+    memory = pointing.demonstrated_crops("bowls", model)
+    named = {phrase for demo in demos for step in demo.steps for phrase in (step.phrases.pick, step.phrases.place)}
+    assert {entry.phrase for entry in memory.entries} == named
+    assert len(memory.entries) == 2 * sum(len(demo.steps) for demo in demos)
+
+
+def test_bad_arguments_are_named(world, model):
+    for call in (
+        lambda: lay_out("cups", world, 0),
+        lambda: pointing.play("cups", 1, None),
+        lambda: pointing.demonstrated_crops("cups", model),
+    ):
+        with pytest.raises(ValueError, match="kind must be one of bowls, shapes, got 'cups'"):
+            call()
+    with pytest.raises(ValueError, match="scenes must be at least 1, got 0"):
+        pointing.play("shapes", 0, None)
+
+
+def test_help_has_an_example(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["pointing", "--help"])
+    with pytest.raises(SystemExit) as stop:
+        pointing.main()
+    assert stop.value.code == 0
+    assert "example: python -m gem_lite.pointing --scenes 200" in capsys.readouterr().out
