@@ -69,8 +69,11 @@ def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
 
 
 def outline(name: str) -> Polygon:
-    """The outline (metres, centred) of one of CLIPort's 20 kitting shapes, by its name in a sentence."""
-    if name.startswith("letter ") and name.endswith(" shape"):
+    """The outline (metres, centred) of a flat piece, by its name in a sentence.
+
+    The pieces are CLIPort's 20 kitting shapes, and any other "letter X shape" or "digit 4 shape".
+    """
+    if name.startswith(("letter ", "digit ")) and name.endswith(" shape"):
         return letter_outline(name.split()[1])
     match name:
         case "triangle":
@@ -114,6 +117,27 @@ def piece_mesh(name: str) -> trimesh.Trimesh:
 
 
 @cache
+def basic_mesh(name: str) -> trimesh.Trimesh:
+    """A box (open on top), plate, ball, cylinder or cone, 44 to 110 mm wide."""
+    match name:
+        case "box":
+            walls = box(-0.045, -0.035, 0.045, 0.035).difference(box(-0.041, -0.031, 0.041, 0.031))
+            floor = trimesh.creation.box(bounds=[[-0.045, -0.035, 0], [0.045, 0.035, 0.004]])
+            return trimesh.util.concatenate([trimesh.creation.extrude_polygon(walls, 0.035), floor])
+        case "plate":
+            profile = [(0, 0), (0.034, 0), (0.055, 0.010), (0.055, 0.012), (0.034, 0.004), (0, 0.004)]
+            return trimesh.creation.revolve(np.array(profile), sections=32)
+        case "ball":
+            return trimesh.creation.icosphere(subdivisions=3, radius=0.022).apply_translation([0, 0, 0.022])
+        case "cylinder":
+            profile = [(0, 0), (0.022, 0), (0.022, 0.05), (0, 0.05)]
+            return trimesh.creation.revolve(np.array(profile), sections=32)
+        case "cone":
+            return trimesh.creation.revolve(np.array([(0, 0), (0.027, 0), (0, 0.058)]), sections=32)
+    raise ValueError(f"name must be box, plate, ball, cylinder or cone, got {name!r}")
+
+
+@cache
 def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
     """An L of two arms, the corner at the lower left: unlike any of its own turns.
 
@@ -135,7 +159,7 @@ class Body:
 
 
 @lru_cache(maxsize=256)
-def _triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
+def triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
     """A mesh as PyBullet takes it, with flat shading: every triangle brings its own corners and normal.
 
     Cached, since turning arrays into lists would be most of the time of laying out a scene.
@@ -150,7 +174,7 @@ def _triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
 
 
 def _visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
-    return p.createVisualShape(p.GEOM_MESH, **_triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
+    return p.createVisualShape(p.GEOM_MESH, **triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
 
 
 def _create(client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool) -> Body:
