@@ -82,21 +82,42 @@ def calibrate(clip: Clip, config: Config = LITE, scenes: int = SCENES) -> Calibr
     return Calibration(low(text_maps), high(text_maps), low(image_maps), high(image_maps), retrieval_threshold(clip))
 
 
+_NOUNS = {"block": "cube", "bowl": "dish", "letter E shape": None, "letter L shape": None}
+_PARTS = (
+    "spoon head", "spoon handle", "fork tines", "fork handle", "brush bristles", "brush handle", "spatula head",
+    "spatula handle", "lamp base", "lamp shade", "chair seat", "chair legs", "mushroom cap", "mushroom stem",
+)  # fmt: skip
+_REWORDED = ("the {}", "a {}", "{}s", "a picture of the {}")
+
+
+def retrieval_phrases() -> list[tuple[str, list[str]]]:
+    """What the retrieval threshold is measured on: phrases, each with its rewordings.
+
+    The seen colours of four nouns, and the parts of seven objects, so that near misses are among them: one
+    letter for another, one part of a thing for its other part.
+    """
+    phrases = []
+    for color in colors.SEEN:
+        for noun, synonym in _NOUNS.items():
+            named = f"{color} {noun}"
+            more = [f"{color} {synonym}"] if synonym else []
+            phrases.append((named, [template.format(named) for template in _REWORDED] + more))
+    return phrases + [(part, [template.format(part) for template in _REWORDED]) for part in _PARTS]
+
+
 def retrieval_threshold(clip: Clip) -> float:
-    """The cosine that best parts rewordings of a phrase from phrases of another colour or object."""
-    plain = [f"{color} {noun}" for color in colors.SEEN for noun in ("block", "bowl")]
-    reworded = [template.format(phrase) for phrase in plain for template in ("{}s", "the {}", "a {}")]
-    owner = np.repeat(np.arange(len(plain)), 3)
-    similarity = (clip.embed_texts(reworded) @ clip.embed_texts(plain).T).cpu().numpy()
-    same = owner[:, None] == np.arange(len(plain))
-    positive, negative = np.sort(similarity[same]), np.sort(similarity[~same])
-    edges = np.unique(similarity)
-    candidates = (edges[1:] + edges[:-1]) / 2
-    recall = 1 - np.searchsorted(positive, candidates) / len(positive)
-    rejection = np.searchsorted(negative, candidates) / len(negative)
-    balanced = recall + rejection
-    # Of all equally good thresholds, the middle one.
-    return float(np.mean(candidates[balanced >= balanced.max() - 1e-9]))
+    """The cosine that parts rewordings of a phrase from the nearest phrase of another colour, object or part.
+
+    It lies as many standard deviations below the one group's mean as above the other's.
+    """
+    phrases = retrieval_phrases()
+    reworded = [words for _, rewordings in phrases for words in rewordings]
+    owner = np.repeat(np.arange(len(phrases)), [len(rewordings) for _, rewordings in phrases])
+    similarity = (clip.embed_texts(reworded) @ clip.embed_texts([plain for plain, _ in phrases]).T).cpu().numpy()
+    mine = owner[:, None] == np.arange(len(phrases))
+    same, nearest_other = similarity[mine], np.where(mine, -1, similarity).max(axis=1)
+    spread = same.std() + nearest_other.std()
+    return float((same.mean() * nearest_other.std() + nearest_other.mean() * same.std()) / spread)
 
 
 def path_for(clip: Clip) -> Path:

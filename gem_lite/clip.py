@@ -19,6 +19,7 @@ import transformers
 from transformers.image_processing_base import ImageProcessingMixin
 
 from gem_lite.calibration import Calibration, load_or_measure
+from gem_lite.resnet_clip import ResNetClip
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 EMBEDDED = DATA / "clip-tabletop"
@@ -31,29 +32,26 @@ class Clip:
     Attributes:
         name: what was loaded; figures and results carry it.
         dim: length of an embedding.
+        fingerprint: a short hash of the weights: tells two models apart whatever their names.
         folder: the local folder with the model's files, if there is one.
     """
 
     def __init__(self, name: str, model: torch.nn.Module, tokenizer, preprocessing: dict, folder: Path | None) -> None:
         self.name, self.folder = name, folder
-        self._model = model.eval().requires_grad_(False)
+        self.fingerprint = _fingerprint(model)
+        model.eval().requires_grad_(False)
+        if isinstance(model, ResNetClip):
+            model.fold_batch_norms()
+        self._model = model.to(memory_format=torch.channels_last)
         self._tokenizer = tokenizer
         size = preprocessing.get("crop_size") or preprocessing["size"]
         if isinstance(size, dict):
             size = size.get("height") or size["shortest_edge"]
         self._size = int(size)
-        self._mean = torch.tensor(preprocessing["image_mean"]).view(3, 1, 1) * 255
-        self._std = torch.tensor(preprocessing["image_std"]).view(3, 1, 1) * 255
+        mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
+        self._scale, self._shift = 1 / std, -mean / std
         self.dim = int(model.config.projection_dim)
         self._texts: dict[str, torch.Tensor] = {}
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """A short hash of the weights: tells two models apart whatever their names."""
-        digest = hashlib.sha256()
-        for name, value in sorted(self._model.state_dict().items()):
-            digest.update(name.encode() + value.cpu().float().numpy().tobytes())
-        return digest.hexdigest()[:16]
 
     @cached_property
     def calibration(self) -> Calibration:
@@ -99,7 +97,7 @@ class Clip:
         return torch.stack([self._texts[phrase] for phrase in phrases])
 
     @torch.inference_mode()
-    def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 512) -> torch.Tensor:
+    def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 64) -> torch.Tensor:
         """Embed a stack of equally large pictures.
 
         Args:
@@ -119,10 +117,17 @@ class Clip:
         return torch.cat(features)
 
     def _pixels(self, images: torch.Tensor) -> torch.Tensor:
-        pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W)
+        pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W), channels last
         if pixels.shape[-2:] != (self._size, self._size):
             pixels = F.interpolate(pixels, (self._size, self._size), mode="bicubic", antialias=True).clamp(0, 255)
-        return (pixels - self._mean.to(pixels)) / self._std.to(pixels)
+        return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels))
+
+
+def _fingerprint(model: torch.nn.Module) -> str:
+    digest = hashlib.sha256()
+    for name, value in sorted(model.state_dict().items()):
+        digest.update(name.encode() + value.cpu().float().numpy().tobytes())
+    return digest.hexdigest()[:16]
 
 
 def unit(features: object) -> torch.Tensor:
@@ -133,7 +138,8 @@ def unit(features: object) -> torch.Tensor:
 
 
 def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, object, dict]:
-    model = transformers.AutoModel.from_pretrained(name, local_files_only=offline)
+    # Float32 whatever the file holds: half precision is slow on a CPU, and maps are compared to 1e-4.
+    model = transformers.AutoModel.from_pretrained(name, local_files_only=offline, dtype=torch.float32)
     tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
     return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
 

@@ -172,15 +172,19 @@ def result_row(method: str, task_name: str, found: Sequence[Episode], subset: st
     }  # fmt: skip
 
 
+def read_rows(path: Path) -> list[dict]:
+    """The rows of a JSON-lines file; none if there is no such file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
 def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
     """Append rows to a JSON-lines file; an older row that agrees in all of ``identity`` is replaced."""
 
     def key(row: dict) -> tuple:
         return tuple(row.get(name) for name in identity)
 
-    old = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     new_keys = {key(row) for row in rows}
-    kept = [row for row in old if key(row) not in new_keys]
+    kept = [row for row in read_rows(path) if key(row) not in new_keys]
     write_whole(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
 
 

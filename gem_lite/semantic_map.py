@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,7 +86,7 @@ class PatchEmbeddings:
 
 
 def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.ndarray | None = None) -> PatchEmbeddings:
-    """Embed the patches of an image in one batch.
+    """Embed the patches of an image in batches; equal ones, such as bare table without noise, once.
 
     Args:
         image: (H, W, 3) uint8.
@@ -97,7 +98,11 @@ def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.nda
         rows, cols = grid.coverage()
         chosen = rows.T @ wanted.astype(np.float32) @ cols > 0
     values = torch.zeros(*chosen.shape, clip.dim)
-    values[torch.from_numpy(chosen)] = clip.embed_images(patches[chosen]).cpu()
+    if chosen.any():
+        kept = np.ascontiguousarray(patches[chosen])  # (N, patch, patch, 3)
+        as_bytes = kept.reshape(len(kept), -1).view(np.dtype((np.void, kept[0].nbytes))).ravel()
+        _, first, again = np.unique(as_bytes, return_index=True, return_inverse=True)
+        values[torch.from_numpy(chosen)] = clip.embed_images(kept[first]).cpu()[torch.from_numpy(again)]
     return PatchEmbeddings(grid, values)
 
 
@@ -108,18 +113,23 @@ class SceneEmbedding:
     heightmap: HeightMap
     points: PointLabels
     sides: tuple[PatchEmbeddings, ...]
-    top: PatchEmbeddings
+    embed_top: Callable[[], PatchEmbeddings]
+
+    @cached_property
+    def top(self) -> PatchEmbeddings:
+        """The height map's own patches, embedded at first use: the text-conditioned map does not need them."""
+        return self.embed_top()
 
 
 def embed_scene(views: Sequence[View], clip: Clip, config: Config) -> SceneEmbedding:
-    """Fuse the views and embed the patches of each view and of the height map."""
+    """Fuse the views and embed the patches of each view; those of the height map when they are asked for."""
     points = sort_points(views, config.workspace)
     heightmap = fuse_views(views, config.workspace, points)
     sides = tuple(
         embed_patches(view.rgb, PatchGrid(view.rgb.shape[:2], config.patch, config.stride), clip, kept)
         for view, kept in zip(views, points.kept, strict=True)
     )
-    return SceneEmbedding(heightmap, points, sides, embed_patches(heightmap.rgb, top_grid(config), clip))
+    return SceneEmbedding(heightmap, points, sides, lambda: embed_patches(heightmap.rgb, top_grid(config), clip))
 
 
 def top_grid(config: Config) -> PatchGrid:

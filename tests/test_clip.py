@@ -4,9 +4,13 @@ import shutil
 import numpy as np
 import pytest
 import torch
+import transformers
+from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
-from gem_lite import calibration, clip, colors, pretrain_clip, vocabulary
+from gem_lite import calibration, clip, clip_card, clip_crops, colors, pretrain_clip, semantic_map, vocabulary
+from gem_lite.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops
+from gem_lite.tabletop import tasks
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +50,24 @@ def test_any_text_is_accepted(model):
 
 
 def test_zero_shot_on_fresh_renders(model):
-    # Seeds that neither training nor the card used. Colour is what the tasks rest on.
-    found = pretrain_clip.accuracy(model, pretrain_clip.render_crops(6, seed=77))
-    assert found["crops"] > 300
-    assert found["color"] >= 97
-    assert found["shape"] >= 40  # 25 names: chance is 4
+    # Seeds that neither training nor the card used, and proportions of objects that training never showed.
+    crops = clip_crops.render_crops(10, seed=77, kind="test")
+    found = clip_card.accuracy(model, crops.chosen(crops.whole))
+    assert found["crops"] > 250
+    assert found["color"] >= 96
+    assert found["shape"] >= 80  # of 70: chance is 1.4
+    assert found["both"] >= 75
+    assert clip_card.part_accuracy(model, crops)["own"] >= 75
+
+
+def test_folding_the_batch_norms_changes_nothing(model):
+    plain = transformers.AutoModel.from_pretrained(clip.EMBEDDED, dtype=torch.float32).eval()
+    pictures = np.random.default_rng(0).integers(0, 255, (4, 40, 40, 3), dtype=np.uint8)
+    with torch.inference_mode():
+        expected = clip.unit(plain.get_image_features(pixel_values=model._pixels(torch.from_numpy(pictures))))
+    assert torch.allclose(model.embed_images(pictures), expected, atol=1e-5)
+    assert not any(isinstance(layer, torch.nn.BatchNorm2d) for layer in model._model.modules())
+    assert any(isinstance(layer, torch.nn.BatchNorm2d) for layer in plain.modules())
 
 
 def test_bad_images_and_phrases_are_named(model):
@@ -74,20 +91,28 @@ def test_environment_variable_chooses(monkeypatch):
         clip.load()
 
 
-def test_a_real_clip_model_loads_through_the_same_path(tmp_path, model):
-    # Random weights in CLIPModel's own format; the tokenizer is borrowed from the embedded model.
+def save_clip_model(folder, config, image_size):
+    """A CLIPModel in OpenAI's own format, with random weights; the tokenizer is the embedded model's."""
+    torch.manual_seed(0)
+    CLIPModel(config).half().save_pretrained(folder)
+    for name in ("tokenizer.json", "tokenizer_config.json"):
+        shutil.copy(clip.EMBEDDED / name, folder)
+    preprocessing = {
+        "size": {"shortest_edge": image_size}, "crop_size": image_size,
+        "image_mean": [0.48145466, 0.4578275, 0.40821073], "image_std": [0.26862954, 0.26130258, 0.27577711],
+    }  # fmt: skip
+    (folder / "preprocessor_config.json").write_text(json.dumps(preprocessing))
+
+
+def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     config = CLIPConfig(
         text_config={"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2,
-                     "vocab_size": 1000, "eos_token_id": pretrain_clip.EOS, "max_position_embeddings": 32},
+                     "vocab_size": 2000, "eos_token_id": pretrain_clip.EOS, "max_position_embeddings": 32},
         vision_config={"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2,
                        "image_size": 64, "patch_size": 16},
         projection_dim=24,
     )  # fmt: skip
-    CLIPModel(config).save_pretrained(tmp_path)
-    for name in ("tokenizer.json", "tokenizer_config.json"):
-        shutil.copy(clip.EMBEDDED / name, tmp_path)
-    preprocessing = {"size": {"shortest_edge": 64}, "crop_size": 64, "image_mean": [0.45] * 3, "image_std": [0.27] * 3}
-    (tmp_path / "preprocessor_config.json").write_text(json.dumps(preprocessing))
+    save_clip_model(tmp_path, config, 64)
     real = clip.load(tmp_path)
     assert real.dim == 24
     assert real.name == str(tmp_path)
@@ -95,6 +120,52 @@ def test_a_real_clip_model_loads_through_the_same_path(tmp_path, model):
     assert real.embed_texts(["red block"]).shape == (1, 24)
     assert real.fingerprint != model.fingerprint
     assert calibration.path_for(real) != calibration.path_for(model)
+
+
+@pytest.fixture(scope="module")
+def vit_b_32(tmp_path_factory):
+    """A model of openai/clip-vit-base-patch32's size and image size, loaded from a folder; weights are random."""
+    folder = tmp_path_factory.mktemp("vit-b-32")
+    # CLIPConfig's own defaults are ViT-B/32's; only the end token is our tokenizer's.
+    save_clip_model(folder, CLIPConfig(text_config={"eos_token_id": pretrain_clip.EOS}), 224)
+    return clip.load(folder)
+
+
+def test_vit_b_32_has_the_papers_size(vit_b_32):
+    assert vit_b_32.dim == 512
+    assert round(vit_b_32.parameter_count / 1e6) == 151
+    assert vit_b_32._model.config.vision_config.image_size == 224
+    assert vit_b_32._model.config.vision_config.patch_size == 32
+    assert next(vit_b_32._model.parameters()).dtype == torch.float32  # the file holds halves
+
+
+def test_vit_b_32_prepares_pictures_as_openai_does(vit_b_32):
+    picture = np.random.default_rng(0).integers(0, 255, (1, 40, 40, 3), dtype=np.uint8)
+    pixels = vit_b_32._pixels(torch.from_numpy(picture))
+    assert pixels.shape == (1, 3, 224, 224)
+    resized = np.asarray(Image.fromarray(picture[0]).resize((224, 224), Image.BICUBIC)) / 255
+    expected = (resized - [0.48145466, 0.4578275, 0.40821073]) / [0.26862954, 0.26130258, 0.27577711]
+    assert np.abs(pixels[0].permute(1, 2, 0).numpy() - expected).max() < 0.03  # PIL rounds to bytes
+
+
+def test_vit_b_32_makes_a_semantic_map(vit_b_32, world):
+    views = world.reset(tasks.make("put-block-in-bowl-seen-colors"), 0).views
+    grid = semantic_map.PatchGrid((480, 640), 160, 160)
+    embeddings = semantic_map.embed_patches(views[0].rgb, grid, vit_b_32)
+    assert embeddings.values.shape == (3, 4, 512)
+    assert torch.allclose(embeddings.values.norm(dim=-1), torch.ones(3, 4), atol=1e-5)
+    words = semantic_map.embed_phrase("red block", vit_b_32, semantic_map.TEMPLATES)
+    scores = embeddings.score(words)
+    assert scores.shape == (480, 640)
+    assert scores.std() > 0
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_gives_the_same_embeddings():
+    there, here = clip.load().to("cuda"), clip.load()
+    pictures = np.random.default_rng(0).integers(0, 255, (8, 40, 40, 3), dtype=np.uint8)
+    assert torch.allclose(there.embed_images(pictures).cpu(), here.embed_images(pictures), atol=1e-3)
+    assert torch.allclose(there.embed_texts(["red block"]).cpu(), here.embed_texts(["red block"]), atol=1e-3)
 
 
 def test_stored_calibration_is_what_calibrate_measures(model):
@@ -116,6 +187,85 @@ def test_tokenizer_and_captions_are_seeded():
     assert first == again
     assert vocabulary.plural("block") == "blocks"
     assert vocabulary.plural("cross") == "crosses"
+    assert vocabulary.plural("magnifying glass") == "magnifying glasses"
+    assert vocabulary.plural("scissors") == "scissors"
+    parts = {vocabulary.caption("blue", "mug", np.random.default_rng(i), "handle") for i in range(40)}
+    assert any("grip" in text for text in parts)
+    assert all("handle" in text or "grip" in text for text in parts)
+
+
+def test_no_name_means_two_things():
+    named = [name for names in (*vocabulary.COLORS.values(), *vocabulary.SHAPES.values()) for name in names]
+    assert len(set(named)) == len(named)
+    assert not set(named) & set(vocabulary.STRANGERS)
+
+
+def test_training_never_draws_what_is_held_out():
+    rng = np.random.default_rng(0)
+    drawn = [clip_crops._draw("training", rng) for _ in range(4000)]
+    for color, shape, rgba in drawn:
+        name = COLOR_NAMES[color] if color >= 0 else vocabulary.nearest_color(255 * np.array(rgba[:3]))
+        assert (name, shape) not in vocabulary.HELD_OUT
+    assert 0.25 < np.mean([color < 0 for color, _, _ in drawn]) < 0.45
+    shown = [clip_crops._draw("held-out", rng) for _ in range(1000)]
+    held = [(COLOR_NAMES[c], s) in vocabulary.HELD_OUT for c, s, _ in shown]
+    assert 0.4 < np.mean(held) < 0.6
+
+
+def test_a_crop_is_labelled_by_what_fills_its_middle():
+    mug = SHAPE_NAMES.index("mug")
+    owner = {7: clip_crops._Label(2, mug, ("", "brim", "handle")), 8: clip_crops._Label(4, 0, ())}
+    bodies, links = np.full((40, 40), -1), np.zeros((40, 40), int)
+    assert clip_crops._label(bodies, links, owner) == (-1, -1, -1)
+    bodies[10:30, 10:30] = 7
+    assert clip_crops._label(bodies, links, owner) == (2, mug, -1)
+    links[10:30, 10:27] = 2
+    assert clip_crops._label(bodies, links, owner) == (2, mug, PART_KEYS.index(("mug", "handle")))
+    bodies[:, :20] = 8
+    assert clip_crops._label(bodies, links, owner) is None  # two compete
+
+
+def test_captions_match_their_crops():
+    mug, hat = SHAPE_NAMES.index("mug"), SHAPE_NAMES.index("hat")
+    handle = PART_KEYS.index(("mug", "handle"))
+    crops = Crops(
+        np.zeros((4, 2, 2, 3), np.uint8), np.array([0, -1, 0, -1]), np.array([mug, hat, mug, -1]),
+        np.array([handle, -1, -1, -1]), np.ones(4, bool),
+    )  # fmt: skip
+    full, color, shape, part = pretrain_clip.caption_sets(crops, np.random.default_rng(0))
+    assert full[0].tolist() == [0, 2, 3]  # a hat in an unnamed colour has no full caption
+    assert set(full[1]) == {("blue", "mug", None), (None, None, None)}
+    assert color[0].tolist() == [0, 2, 3]
+    assert shape[0].tolist() == [0, 1, 2, 3]
+    assert part[0].tolist() == [0]
+    assert part[1][0][1:] == ("mug", "handle")
+    for rows, keys, match in (full, color, shape, part):
+        assert match.shape == (len(rows), len(keys))
+        assert (match.sum(axis=1) == 1).all()
+    assert full[2][0].tolist() == full[2][1].tolist() != full[2][2].tolist()
+
+
+def test_crops_are_saved_and_loaded(tmp_path):
+    crops = Crops(*(np.arange(3) for _ in range(5)))
+    crops.save(tmp_path / "crops")
+    again = Crops.load(tmp_path / "crops")
+    assert np.array_equal(again.images, crops.images)
+    assert np.array_equal(again.whole, crops.whole)
+    assert len(again.chosen(np.array([True, False, True]))) == 2
+
+
+def test_training_on_other_crops_does_not_resume(tmp_path):
+    torch.save({"identity": {"crops": 1}}, tmp_path / "state.pt")
+    crops = Crops(np.zeros((512, 40, 40, 3), np.uint8), *(np.zeros(512, int) for _ in range(4)))
+    with pytest.raises(ValueError, match="delete it first"):
+        pretrain_clip.train(crops, 1, 0, tmp_path)
+
+
+def test_held_out_pairs_are_many_and_known():
+    assert len(vocabulary.HELD_OUT) >= 20
+    for color, shape in vocabulary.HELD_OUT:
+        assert color in vocabulary.COLORS
+        assert shape in vocabulary.SHAPES
 
 
 def test_held_out_pairs_stay_out_of_training():

@@ -193,3 +193,26 @@ def test_equivariance_error_is_0_for_a_score_of_single_pixels_and_not_for_one_of
 def test_bad_frames_are_named(shape, kind, rotations, name):
     with pytest.raises(ValueError, match=name):
         frame_averaged(lambda picture: picture[..., 0], np.zeros(shape, kind), rotations)
+
+
+def test_templates_average_the_wordings(model):
+    wordings = model.embed_texts(["red block", "a red block"]).cpu()
+    mean = wordings.mean(dim=0)
+    found = semantic_map.embed_phrase("red block", model, ["{}", "a {}"])
+    assert torch.allclose(found, mean / mean.norm(), atol=1e-6)
+    assert torch.allclose(semantic_map.embed_phrase("red block", model), wordings[0], atol=1e-6)
+    with pytest.raises(ValueError, match="templates"):
+        semantic_map.embed_phrase("red block", model, ["a photo"])
+    with pytest.raises(ValueError, match="phrase"):
+        semantic_map.embed_phrase(" ", model, semantic_map.TEMPLATES)
+
+
+def test_contrast_takes_off_what_other_phrases_score(scene_and_truth, model):
+    scene, task, _, _ = scene_and_truth
+    block, bowl = task.named_colors
+    plain = semantic_map.text_conditioned_map(scene, f"{block} block", model)
+    other = semantic_map.text_conditioned_map(scene, f"{bowl} bowl", model)
+    contrasted = semantic_map.text_conditioned_map(scene, f"{block} block", model, against=[f"{bowl} bowl"])
+    assert np.allclose(contrasted, plain - np.maximum(other, 0), atol=1e-6)
+    there = np.unravel_index(other.argmax(), other.shape)
+    assert contrasted[there] < plain[there] - 0.5

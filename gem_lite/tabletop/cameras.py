@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pybullet as p
@@ -61,12 +62,19 @@ class View:
 
     def points(self) -> np.ndarray:
         """(H, W, 3) float32: the world position of every pixel, in metres."""
-        height, width = self.camera.size
-        x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / self.camera.focal
-        y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / self.camera.focal
-        rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], np.float32(1.0)), axis=-1)
-        local = rays * self.depth[..., None]
-        return local @ self.camera.rotation.T.astype(np.float32) + np.array(self.camera.position, np.float32)
+        points = _rays(self.camera) * self.depth[..., None]
+        points += np.array(self.camera.position, np.float32)
+        return points
+
+
+@lru_cache(maxsize=16)
+def _rays(camera: Camera) -> np.ndarray:
+    """(H, W, 3) float32: from the camera to each pixel's point at depth 1, in the world's directions."""
+    height, width = camera.size
+    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / camera.focal
+    y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / camera.focal
+    rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], np.float32(1.0)), axis=-1)
+    return rays @ camera.rotation.T.astype(np.float32)
 
 
 CAMERAS: tuple[Camera, ...] = (
