@@ -174,7 +174,7 @@ def point(
 ) -> Pointing:
     """Where a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
     phrase, wanted = question
-    row, col = semantic_map.plateau_centre(semantic)
+    row, col = semantic_map.plateau_centre(semantic, settings)
     x, y = settings.workspace.to_world(row, col)
     distance = min(float(np.hypot(x - pose.x, y - pose.y)) for pose in scene.right(wanted))
     shown = scene.names.get(int(scene.above[settings.workspace.nearest_cell(x, y)]), "table")
@@ -272,7 +272,11 @@ def rate(found: Sequence[Pointing], hit: Callable[[Pointing], bool]) -> dict | N
 
 
 def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]:
-    """One row of the results per map; ``without_crop`` counts phrases for which there is no such map."""
+    """One row of the results per map.
+
+    ``without_crop`` counts phrases for which there is no such map; the fused map's ``missed`` lists the
+    (seed, phrase) that it was not near.
+    """
     asked, seeds = len({(p.seed, p.phrase) for p in found}), [p.seed for p in found]
     rows = []
     for name in MAPS:
@@ -281,6 +285,7 @@ def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]
             "kind": "pointing", "scenes": kind, "map": name,
             NEAR: rate(its, lambda p: p.near), "exact": rate(its, lambda p: p.exact),
             "scene_count": len({p.seed for p in its}), "phrases": len(its), "without_crop": asked - len(its),
+            "missed": [[p.seed, p.phrase] for p in its if not p.near] if name == "fused" else None,
             "seeds": [min(seeds), max(seeds)], **facts, "plateau": semantic_map.PLATEAU,
             "date": datetime.now(UTC).date().isoformat(),
         })  # fmt: skip

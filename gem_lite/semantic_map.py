@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy import ndimage
 
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.tabletop.cameras import View
@@ -217,14 +216,26 @@ PLATEAU = 0.2
 """Cells at most this far below a map's peak belong to its plateau, where a match is 1 (chosen on validation scenes)."""
 
 
-def plateau_centre(semantic: np.ndarray) -> tuple[float, float]:
+def plateau_centre(semantic: np.ndarray, config: Config) -> tuple[float, float]:
     """The centre (row, col) of a map's highest plateau: where the map points, since patches blur its peak.
 
-    The plateau is the connected region around the brightest cell, at most `PLATEAU` below it.
+    From the brightest cell, mean shift: the mean of the cells within half a patch, weighted by how far they
+    rise above the plateau's foot, again and again until it stays. Two objects side by side share a
+    plateau; half a patch holds one of them.
+
+    Args:
+        semantic: (H, W), of ``config``'s resolution.
     """
-    regions, _ = ndimage.label(semantic >= semantic.max() - PLATEAU)
-    row, col = np.nonzero(regions == regions.flat[semantic.argmax()])
-    return float(row.mean()), float(col.mean())
+    weight = np.maximum(semantic.astype(np.float64) - semantic.max() + PLATEAU, 0)
+    rows, cols = np.mgrid[: semantic.shape[0], : semantic.shape[1]]
+    reach = config.top_patch / 2 / config.pixel
+    row, col = (float(i) for i in np.unravel_index(semantic.argmax(), semantic.shape))
+    for _ in range(50):
+        near = weight * (np.hypot(rows - row, cols - col) <= reach)
+        before, row, col = (row, col), float((near * rows).sum() / near.sum()), float((near * cols).sum() / near.sum())
+        if np.hypot(row - before[0], col - before[1]) < 0.01:
+            break
+    return row, col
 
 
 def frame_averaged(

@@ -101,7 +101,7 @@ def test_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
             assert found.exact
             assert found.shown == question[1]
             assert found.distance <= LITE.pixel / np.sqrt(2)
-            assert (found.row, found.col) == LITE.workspace.nearest_cell(pose.x, pose.y)
+            assert (found.row, found.col) == pytest.approx(LITE.workspace.nearest_cell(pose.x, pose.y), abs=1e-4)
 
 
 def test_a_peak_on_the_table_misses_and_one_on_another_body_names_it(scenes):
@@ -149,6 +149,7 @@ def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, mode
     rows = {row["map"]: row for row in pointing.result_rows("shapes", found, {})}
     assert (rows["image"]["phrases"], rows["image"]["without_crop"]) == (1, 1)
     assert (rows["fused"]["phrases"], rows["fused"]["without_crop"]) == (2, 0)
+    assert rows["fused"]["missed"] == [[p.seed, p.phrase] for p in found if p.map == "fused" and not p.near]
 
 
 def test_workers_play_as_this_process_does(world, model):

@@ -139,12 +139,26 @@ def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):
     assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)))
 
 
-def test_plateau_centre_is_the_middle_of_the_brightest_region_alone():
+def test_plateau_centre_is_the_middle_of_the_brightest_region():
     semantic = np.zeros((20, 30), np.float32)
     semantic[4:9, 10:15] = 1.0
-    semantic[15:18, 20:25] = 0.99  # as bright, but not connected
     semantic[9:12, 10:15] = 0.7  # connected, but no part of the plateau
-    assert plateau_centre(semantic) == (6.0, 12.0)
+    semantic[16, 2] = 0.95
+    assert plateau_centre(semantic, LITE) == pytest.approx((6.0, 12.0))
+    semantic[4:9, 13:15] = 0.9  # half as high above the plateau's foot: counts half
+    assert plateau_centre(semantic, LITE)[1] == pytest.approx((3 * 11 + 0.5 * 2 * 13.5) / 4)
+
+
+def test_plateau_centre_does_not_fall_between_two_objects():
+    # Two discs of 10 cells' radius, their plateaus joined by a bridge: the middle of all would lie on the bridge.
+    rows, cols = np.mgrid[:80, :80]
+    semantic = np.zeros((80, 80), np.float32)
+    for col in (25, 53):
+        semantic[np.hypot(rows - 40, cols - col) <= 9] = 1.0
+    semantic[38:43, 25:53] = 1.0
+    row, col = plateau_centre(semantic, LITE)
+    assert row == pytest.approx(40, abs=0.5)
+    assert min(abs(col - 25), abs(col - 53)) < 4
 
 
 @pytest.fixture(scope="module")
