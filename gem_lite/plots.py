@@ -209,7 +209,7 @@ def map_colors(values: np.ndarray) -> np.ndarray:
 
 def show_pointings(cases: Sequence[tuple[str, np.ndarray, np.ndarray, tuple[float, float]]]) -> Figure:
     """Pictures (H, W, 3) above their maps (H, W), with a cross at the cell (row, col) that the map points at."""
-    fig, axes = plt.subplots(2, len(cases), figsize=(2.7 * len(cases), 8.4), squeeze=False, layout="constrained")
+    fig, axes = plt.subplots(2, len(cases), figsize=(1.9 * len(cases), 6.2), squeeze=False, layout="constrained")
     for column, (title, picture, semantic, (row, col)) in enumerate(cases):
         _bare(axes[0, column], title).imshow(picture)
         _bare(axes[1, column], "").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
