@@ -158,8 +158,10 @@ def test_workers_play_as_this_process_does(world, model):
     memory = CropMemory(crops, model)
     here = pointing.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
     there = pointing.play("shapes", 1, memory, processes=1)
-    assert [dataclasses.replace(p, distance=0) for p in here] == [dataclasses.replace(p, distance=0) for p in there]
-    assert np.allclose([p.distance for p in here], [p.distance for p in there])
+    # Other numbers of threads round differently: places agree to a thousandth of a cell, all else exactly.
+    assert [(p.phrase, p.map, p.shown, p.exact) for p in here] == [(p.phrase, p.map, p.shown, p.exact) for p in there]
+    places = [[(p.row, p.col, 100 * p.distance) for p in found] for found in (here, there)]
+    assert np.allclose(*places, atol=1e-3)
 
 
 def test_rates_of_known_outcomes():
