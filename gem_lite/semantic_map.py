@@ -56,20 +56,36 @@ class PatchGrid:
         return matrices[0], matrices[1]
 
 
-def patchify(image: np.ndarray, grid: PatchGrid) -> np.ndarray:
-    """P of Eq. 1: an (H, W, C) image to its (m, n, patch, patch, C) patches, a view without copies."""
+def patchify(image: np.ndarray, grid: PatchGrid, wanted: np.ndarray | None = None) -> np.ndarray:
+    """P of Eq. 1: an (H, W, C) image to its (m, n, patch, patch, C) patches.
+
+    With ``wanted`` (m, n) bool, only those patches: (N, patch, patch, C).
+    """
     if image.shape[:2] != grid.shape:
         raise ValueError(f"image must be {grid.shape} in height and width, got {image.shape}")
+    (height, width), channels = grid.shape, image.shape[2]
     rows, cols = grid.starts()
-    windows = np.lib.stride_tricks.sliding_window_view(image, (grid.patch, grid.patch), axis=(0, 1))
-    return windows[np.ix_(rows, cols)].transpose(0, 1, 3, 4, 2)
+    # Over rows of bytes, so that a row of a patch is copied at once.
+    lines = np.ascontiguousarray(image).reshape(height, width * channels)
+    windows = np.lib.stride_tricks.sliding_window_view(lines, (grid.patch, grid.patch * channels))
+    which = np.ix_(rows, cols * channels)
+    if wanted is not None:
+        i, j = np.nonzero(wanted)
+        which = rows[i], cols[j] * channels
+    patches = windows[which]
+    return patches.reshape(*patches.shape[:-1], grid.patch, channels)
 
 
 def unpatchify(scores: np.ndarray, grid: PatchGrid) -> np.ndarray:
     """P⁻¹ of Eq. 1: (m, n) scores to (H, W), each pixel the mean of the patches that cover it."""
     rows, cols = grid.coverage()
-    total = rows @ scores.astype(np.float32) @ cols.T
+    total = _product(rows, scores, cols.T)
     return total / (rows.sum(axis=1)[:, None] * cols.sum(axis=1)[None, :])
+
+
+def _product(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    # By torch: NumPy's own BLAS threads would go on spinning and take the cores from the network that comes next.
+    return torch.linalg.multi_dot([torch.from_numpy(m.astype(np.float32)) for m in (a, b, c)]).numpy()
 
 
 @dataclass(frozen=True)
@@ -91,17 +107,16 @@ def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.nda
         image: (H, W, 3) uint8.
         wanted: (H, W) bool; patches that meet no wanted pixel are skipped, since nobody will read them.
     """
-    patches = patchify(image, grid)
-    chosen = np.ones(patches.shape[:2], bool)
+    rows, cols = grid.coverage()
+    chosen = np.ones((rows.shape[1], cols.shape[1]), bool)
     if wanted is not None:
-        rows, cols = grid.coverage()
-        chosen = rows.T @ wanted.astype(np.float32) @ cols > 0
+        chosen = _product(rows.T, wanted, cols) > 0
     values = torch.zeros(*chosen.shape, clip.dim)
     if chosen.any():
-        kept = np.ascontiguousarray(patches[chosen])  # (N, patch, patch, 3)
-        as_bytes = kept.reshape(len(kept), -1).view(np.dtype((np.void, kept[0].nbytes))).ravel()
+        patches = patchify(image, grid, chosen)  # (N, patch, patch, 3)
+        as_bytes = patches.reshape(len(patches), -1).view(np.dtype((np.void, patches[0].nbytes))).ravel()
         _, first, again = np.unique(as_bytes, return_index=True, return_inverse=True)
-        values[torch.from_numpy(chosen)] = clip.embed_images(kept[first]).cpu()[torch.from_numpy(again)]
+        values[torch.from_numpy(chosen)] = clip.embed_images(patches[first]).cpu()[torch.from_numpy(again)]
     return PatchEmbeddings(grid, values)
 
 
