@@ -18,7 +18,7 @@ SCENES = {"test": 100, "held-out": 60, "foreign": 25}
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "blocks and bowls": ("block", "bowl"),
-    "solids (L-block, box, plate, ball, cylinder, cone)": ("L-block", *vocabulary.BASIC),
+    "solids (L-block, box, plate, ball, cylinder, cone)": ("L-block", *shapes.BASIC),
     "the 20 kitting shapes": shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES,
     "other letters and digits": vocabulary.GLYPHS,
     "everyday objects": objects.NAMES,

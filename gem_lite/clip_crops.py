@@ -114,7 +114,7 @@ def _add(client: int, shape: str, color: tuple[float, ...], pose: Pose2, kind: K
     if shape == "L-block":
         mesh = shapes.l_block_mesh()
     else:
-        mesh = shapes.basic_mesh(shape) if shape in vocabulary.BASIC else shapes.piece_mesh(shape)
+        mesh = shapes.basic_mesh(shape) if shape in shapes.BASIC else shapes.piece_mesh(shape)
     return shapes.add_mesh(client, mesh, color, pose).id
 
 

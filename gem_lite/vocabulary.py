@@ -32,9 +32,6 @@ RGB: dict[str, tuple[int, int, int]] = {
     "magenta": (205, 35, 150),
 }
 
-BASIC = ("box", "plate", "ball", "cylinder", "cone")
-"""Solids of `shapes.basic_mesh`."""
-
 LETTERS = ("H", "K", "X", "S")
 DIGITS = ("2", "3", "4", "7", "8")
 GLYPHS = tuple(f"letter {c} shape" for c in LETTERS) + tuple(f"digit {c} shape" for c in DIGITS)
@@ -84,7 +81,7 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
 SHAPES: dict[str, tuple[str, ...]] = {
     name: (name, *_SYNONYMS.get(name, ()))
     for name in (
-        "block", "bowl", "L-block", *BASIC,
+        "block", "bowl", "L-block", *shapes.BASIC,
         *shapes.SEEN_SHAPES, *shapes.UNSEEN_SHAPES, *GLYPHS, *objects.NAMES,
     )
 }  # fmt: skip

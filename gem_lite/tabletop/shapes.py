@@ -116,6 +116,10 @@ def piece_mesh(name: str) -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(outline(name), PIECE_HEIGHT)
 
 
+BASIC = ("box", "plate", "ball", "cylinder", "cone")
+"""The names of `basic_mesh`'s solids."""
+
+
 @cache
 def basic_mesh(name: str) -> trimesh.Trimesh:
     """A box (open on top), plate, ball, cylinder or cone, 44 to 110 mm wide."""
@@ -134,7 +138,7 @@ def basic_mesh(name: str) -> trimesh.Trimesh:
             return trimesh.creation.revolve(np.array(profile), sections=32)
         case "cone":
             return trimesh.creation.revolve(np.array([(0, 0), (0.027, 0), (0, 0.058)]), sections=32)
-    raise ValueError(f"name must be box, plate, ball, cylinder or cone, got {name!r}")
+    raise ValueError(f"name must be one of {', '.join(BASIC)}, got {name!r}")
 
 
 @cache

@@ -1,10 +1,10 @@
 """Seconds to retrieve a crop, in one product and entry by entry: python tests/benchmarks/crop_memory.py"""
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
+from timing import seconds
 from torch.nn import functional
 
 from gem_lite.crop_memory import CropEntry, CropMemory
@@ -38,16 +38,6 @@ def one_by_one(memory: CropMemory, query: torch.Tensor, threshold: float) -> tor
     return memory.values[best] if nearest >= threshold else None
 
 
-def seconds(work: Callable[[], torch.Tensor | None]) -> tuple[float, torch.Tensor | None]:
-    """The fastest of some runs, and what the last one returned."""
-    found = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        result = work()
-        found.append(time.perf_counter() - start)
-    return min(found), result
-
-
 def main() -> None:
     """Print both times and their ratio for every size; both must find the same crop."""
     clip, picture = RandomClip(), np.zeros((20, 20, 3), np.uint8)
@@ -56,8 +46,8 @@ def main() -> None:
         memory = CropMemory([CropEntry(f"thing {i}", picture, i) for i in range(size)], clip)
         wanted = size * 2 // 3
         query = functional.normalize(memory.keys[wanted] + 0.3 * clip.embed_texts(["noise"])[0], dim=0)
-        fast, by_product = seconds(lambda memory=memory, query=query: memory.retrieve(query, THRESHOLD))
-        slow, by_loop = seconds(lambda memory=memory, query=query: one_by_one(memory, query, THRESHOLD))
+        fast, by_product = seconds(lambda memory=memory, query=query: memory.retrieve(query, THRESHOLD), REPEATS)
+        slow, by_loop = seconds(lambda memory=memory, query=query: one_by_one(memory, query, THRESHOLD), REPEATS)
         for found in (by_product, by_loop):
             assert found is not None and torch.equal(found, memory.values[wanted])
         print(f"{size:5d} entries: {fast * 1e3:6.3f} ms; one by one {slow * 1e3:7.3f} ms, {slow / fast:.0f} times that")

@@ -1,10 +1,10 @@
 """Seconds from three views to one fused map, in batches and patch by patch: python tests/benchmarks/semantic_map.py"""
 
-import time
 from collections.abc import Callable
 
 import numpy as np
 import torch
+from timing import seconds
 
 from gem_lite import clip, semantic_map
 from gem_lite.config import LITE
@@ -22,16 +22,6 @@ def one_by_one(image: np.ndarray, grid: PatchGrid, model: clip.Clip) -> PatchEmb
     patches = patchify(image, grid)
     values = [torch.stack([model.embed_images(patch[None].copy())[0] for patch in row]) for row in patches]
     return PatchEmbeddings(grid, torch.stack(values))
-
-
-def seconds(work: Callable[[], np.ndarray], repeats: int) -> tuple[float, np.ndarray]:
-    """The fastest of some runs, and what the last one returned."""
-    found = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        result = work()
-        found.append(time.perf_counter() - start)
-    return min(found), result
 
 
 def main() -> None:
