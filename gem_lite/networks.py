@@ -17,6 +17,8 @@ from e2cnn import gspaces
 from e2cnn import nn as enn
 from torch import nn
 
+from gem_lite.steerable import disc
+
 
 class ResidualBlock(nn.Module):
     """Two 3 x 3 convolutions beside a 1 x 1 shortcut; the second starts at 0, so it starts as the shortcut."""
@@ -129,7 +131,8 @@ class CropKernel(nn.Module):
     """psi(crop): rotation-equivariant layers of e2cnn from an unrotated crop to a kernel (Fig. A3).
 
     Input and output are trivial fields, so turning the crop turns the kernel: psi(T_g c) = T_g psi(c),
-    exactly for quarter turns and up to interpolation for the rest of C_8.
+    exactly for quarter turns and up to interpolation for the rest of C_8. The crop is read inside its
+    disc only: what its corners show would come and go as it turns.
     """
 
     def __init__(self, inputs: int, channels: int, fields: int) -> None:
@@ -149,7 +152,8 @@ class CropKernel(nn.Module):
 
     def forward(self, crop: torch.Tensor) -> torch.Tensor:
         """(B, inputs, h, h) to (B, channels, h, h)."""
-        return self.layers(enn.GeometricTensor(crop, self._input)).tensor / crop.shape[-1]
+        size = crop.shape[-1]
+        return self.layers(enn.GeometricTensor(crop * disc(size).to(crop), self._input)).tensor / size
 
 
 def parameter_count(module: nn.Module) -> int:

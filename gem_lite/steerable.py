@@ -10,55 +10,115 @@ is what features are correlated with, so the response is a signal on the circle 
     R_theta(v) = sum_k C_k(v) exp(i k theta),   C_k(v) = sum_w F(v + w) c_k(w),
 
 which can be sampled at any angle. Psi is real, so c_-k is the conjugate of c_k and only k >= 0 is kept.
+
+**What is exact, what is not.** A kernel's pixels are read as samples of a function on the disc of radius
+R = (h + 1) / 2, written in polar harmonics f(r) exp(i m phi) with f a Bessel function (the modes of a
+round drum), up to the highest frequency, pi a pixel, that pixels carry in *every* direction. Turning a
+harmonic by theta multiplies it by exp(-i m theta): exact, for any angle, and nothing is resampled. So no
+rotated kernel is ever made: pixels to coefficients c_k is one fixed linear map, kept between calls. What
+a kernel holds beyond that band (about a fifth of white noise on the disc, and the corners of its square)
+cannot be turned by anybody and is left out, by least squares; see `band_limited`. The only approximation
+after that is the cut at K, which the caller chooses.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
+import numpy as np
 import torch
-import torch.nn.functional as F
+from scipy.fft import next_fast_len
+from scipy.special import jn_zeros, jv
 
-from gem_lite.se2 import rotate_image
-
-
-def radius(size: int) -> torch.Tensor:
-    """(size, size): distance of each cell from the kernel's centre, in pixels."""
-    offset = torch.arange(size) - (size - 1) / 2
-    return torch.hypot(offset[:, None], offset[None, :])
+BLOCK = 2**18
+"""Complex numbers that one block of kernels' spectra may hold: small enough for a core's cache."""
 
 
 def disc(size: int) -> torch.Tensor:
-    """(size, size) bool: the inscribed disc, the only support that every rotation maps to itself."""
-    return radius(size) <= (size - 1) / 2 + 1e-6
+    """(size, size) bool: the pixels less than (size + 1) / 2 from the centre.
+
+    It is the largest disc of which every rotation keeps all pixels inside the square.
+    """
+    offset = torch.arange(size) - (size - 1) / 2
+    return torch.hypot(offset[:, None], offset[None, :]) < (size + 1) / 2 - 1e-9
+
+
+@lru_cache(maxsize=8)
+def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The polar harmonics of a ``size`` x ``size`` kernel: orders m (D,), analysis and synthesis (D, size^2).
+
+    Pixels @ analysis.T are a kernel's coefficients, coefficients @ synthesis its pixels; complex128.
+    """
+    radius = (size + 1) / 2
+    offset = np.arange(size) - (size - 1) / 2
+    x, y = np.meshgrid(offset, -offset)  # rows point down
+    phi, inside = np.arctan2(y, x).ravel(), disc(size).numpy().ravel()
+    distances, ring = np.unique(np.hypot(x, y), return_inverse=True)
+    orders, functions = [], []
+    for m in range(size * size):
+        wavenumbers = jn_zeros(m, size) / radius  # zeros of J_m are about pi apart: more than the band holds
+        wavenumbers = wavenumbers[wavenumbers <= math.pi, None]
+        if not len(wavenumbers):
+            break
+        radial = jv(m, wavenumbers * distances) / abs(jv(m + 1, wavenumbers * radius)) / radius
+        harmonics = inside * radial[:, ring.ravel()] * np.exp(1j * m * phi)  # (J, size^2)
+        for order, values in {-m: harmonics.conj(), m: harmonics}.items():
+            orders += len(values) * [order]
+            functions.append(values)
+    orders, synthesis = np.array(orders), np.concatenate(functions)
+    # Least squares over the pixels. Quarter turns map pixels to pixels, so orders that differ by no
+    # multiple of 4 are orthogonal, and each of the four classes is solved alone.
+    analysis = np.zeros_like(synthesis)
+    for quarter in range(4):
+        chosen = orders % 4 == quarter
+        if chosen.any():
+            basis = synthesis[chosen]
+            analysis[chosen] = np.linalg.solve(basis.conj() @ basis.T, basis.conj())
+    return orders, analysis, synthesis
+
+
+def turn(kernel: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+    """Turn kernels counter-clockwise about their centre, exactly within the band (T_g of Eq. 7, rho = 1).
+
+    Args:
+        kernel: (B, C, h, h), h odd.
+        angles: (n,) radians.
+
+    Returns:
+        (B, n, C, h, h), zero outside `disc`.
+    """
+    size = _check_kernel(kernel)[-1]
+    precision = torch.complex128 if kernel.dtype == torch.float64 else torch.complex64
+    orders, analysis, synthesis = (torch.from_numpy(part) for part in _harmonics(size))
+    analysis, synthesis = (part.to(kernel.device, precision) for part in (analysis, synthesis))
+    coefficients = kernel.flatten(2).to(precision) @ analysis.T  # (B, C, D)
+    phases = torch.exp(-1j * orders.to(angles) * angles[:, None]).to(precision)  # (n, D)
+    turned = (coefficients[:, None] * phases[:, None]) @ synthesis  # (B, n, C, h*h)
+    return turned.real.unflatten(-1, (size, size))
+
+
+def band_limited(kernel: torch.Tensor) -> torch.Tensor:
+    """The part of a kernel (B, C, h, h) that can be turned: its least-squares fit by polar harmonics."""
+    return turn(kernel, torch.zeros(1, device=kernel.device))[:, 0]
 
 
 def orbit(kernel: torch.Tensor, rotations: int) -> torch.Tensor:
-    """Turn a kernel by every g_i in C_n (Sec. A.8.4).
-
-    Quarter turns are exact; other angles are interpolated bilinearly.
+    """Turn a kernel by every g_i in C_n (Sec. A.8.4): the lift L(psi) of A.9.3, made explicitly.
 
     Args:
         kernel: (B, C, h, h), h odd.
         rotations: n.
 
     Returns:
-        (B, n, C, h, h), masked to the inscribed disc; entry i is turned counter-clockwise by 2 pi i / n.
+        (B, n, C, h, h); entry i is turned counter-clockwise by 2 pi i / n.
     """
-    batch, channels, height, width = _check_kernel(kernel)
-    kernel = kernel * disc(height).to(kernel)
-    angles = 2 * math.pi * torch.arange(rotations, dtype=kernel.dtype, device=kernel.device) / rotations
-    turned = rotate_image(kernel.reshape(1, batch * channels, height, width), angles)  # (n, B*C, h, h)
-    turned = turned.reshape(rotations, batch, channels, height, width).transpose(0, 1)
-    return turned * disc(height).to(kernel)
+    return turn(kernel, 2 * math.pi * torch.arange(rotations, dtype=kernel.dtype, device=kernel.device) / rotations)
 
 
 def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
     """Fourier coefficients of an orbit over its rotation axis, c_k for k = 0..frequency.
-
-    Terms with k > pi r cannot be carried at radius r (in pixels) and are dropped, as is every k > 0 at
-    the centre, where a rotation changes nothing.
 
     Args:
         stack: (B, n, C, h, h), see `orbit`.
@@ -67,17 +127,25 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
     Returns:
         (B, frequency + 1, C, h, h) complex.
     """
-    rotations, size = stack.shape[1], stack.shape[-1]
-    if not 0 <= frequency < rotations / 2:
-        raise ValueError(f"frequency must be in [0, {rotations}/2) for {rotations} rotations, got {frequency}")
-    angles = 2 * math.pi * torch.arange(rotations, dtype=stack.dtype, device=stack.device) / rotations
-    k = torch.arange(frequency + 1, dtype=stack.dtype, device=stack.device)
-    phase = -k[:, None] * angles[None, :]  # (K+1, n)
-    flat = stack.flatten(2).transpose(1, 2)  # (B, C*h*h, n)
-    coefficients = torch.complex(flat @ phase.cos().T, flat @ phase.sin().T) / rotations  # (B, C*h*h, K+1)
-    coefficients = coefficients.transpose(1, 2).unflatten(2, stack.shape[2:])
-    carried = k[:, None, None] <= math.pi * radius(size).to(stack)  # (K+1, h, h)
-    return coefficients * carried[:, None]
+    _check_frequency(frequency, stack.shape[1])
+    return torch.fft.fft(stack, dim=1, norm="forward")[:, : frequency + 1]
+
+
+@lru_cache(maxsize=16)
+def _lift_map(
+    size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The harmonics that land in each k = 0..K: analysis and synthesis (K + 1, J, size^2), padded with 0.
+
+    A harmonic of order m turns by exp(-i m theta), so over n rotations it lands in k = -m modulo n.
+    """
+    orders, analysis, synthesis = _harmonics(size)
+    landing = [np.flatnonzero((-orders) % rotations == k) for k in range(frequency + 1)]
+    parts = np.zeros((2, frequency + 1, max(map(len, landing)), size * size), dtype=complex)
+    for k, chosen in enumerate(landing):
+        parts[0, k, : len(chosen)] = analysis[chosen]
+        parts[1, k, : len(chosen)] = synthesis[chosen]
+    return tuple(torch.from_numpy(parts).to(device, dtype))
 
 
 @dataclass(frozen=True)
@@ -88,27 +156,108 @@ class SteerableKernel:
 
     @classmethod
     def lift(cls, kernel: torch.Tensor, rotations: int, frequency: int) -> SteerableKernel:
-        """Rotate ``kernel`` (B, C, h, h) ``rotations`` times and Fourier transform the orbit."""
-        return cls(fourier(orbit(kernel, rotations), frequency))
+        """``fourier(orbit(kernel, rotations), frequency)`` by one linear map, without making the orbit.
+
+        Args:
+            kernel: (B, C, h, h), h odd.
+            rotations: n, how many turns the orbit stands for. The cost does not depend on it.
+            frequency: K, below n / 2.
+
+        Raises:
+            ValueError: on a kernel or a frequency other than these.
+        """
+        batch, channels, size, _ = _check_kernel(kernel)
+        _check_frequency(frequency, rotations)
+        precision = torch.complex128 if kernel.dtype == torch.float64 else torch.complex64
+        analysis, synthesis = _lift_map(size, rotations, frequency, precision, kernel.device)
+        pixels = kernel.reshape(batch * channels, -1).to(precision)
+        weights = analysis.flatten(0, 1) @ pixels.T  # ((K+1)*J, B*C)
+        weights = weights.view(frequency + 1, -1, batch * channels)
+        coefficients = weights.transpose(1, 2) @ synthesis  # (K+1, B*C, h*h)
+        return cls(coefficients.view(-1, batch, channels, size, size).transpose(0, 1))
 
     def turned(self, angle: float) -> SteerableKernel:
         """The lift of the kernel turned by ``angle``: c_k times exp(i k angle), in no pixel's way."""
-        k = torch.arange(self.coefficients.shape[1], device=self.coefficients.device)
+        k = torch.arange(self.coefficients.shape[1]).to(self.coefficients)
         return SteerableKernel(self.coefficients * torch.exp(1j * k * angle)[None, :, None, None, None])
 
     def correlate(self, features: torch.Tensor) -> torch.Tensor:
         """Cross-correlate features (B, C, H, W) with every coefficient: C_k (B, K + 1, H, W) complex.
 
         The coefficients are not conjugated; at the border the features are taken as 0.
+
+        Raises:
+            ValueError: batch or channels are not the kernel's.
         """
-        batch, terms, channels, size, _ = self.coefficients.shape
+        batch, _, channels, _, _ = self.coefficients.shape
         if features.ndim != 4 or features.shape[:2] != (batch, channels):
             raise ValueError(f"features must be ({batch}, {channels}, H, W), got {tuple(features.shape)}")
-        real, imaginary = self.coefficients.real, self.coefficients.imag[:, 1:]
-        weight = torch.cat([real, imaginary], dim=1).flatten(0, 1)  # (B*(2K+1), C, h, h)
-        out = F.conv2d(features.flatten(0, 1)[None], weight, padding=size // 2, groups=batch)
-        out = out.view(batch, 2 * terms - 1, *features.shape[-2:])
-        return torch.complex(out[:, :terms], torch.cat([torch.zeros_like(out[:, :1]), out[:, terms:]], dim=1))
+        return _Correlate.apply(features, self.coefficients)
+
+
+class _Correlate(torch.autograd.Function):
+    """C_k(v) = sum_w F(v + w) c_k(w) by FFT: C^_k(omega) = F^(omega) c^_k(-omega).
+
+    The derivatives are written out, since torch would keep every kernel's spectrum until they are asked
+    for; here spectra live for one block of frequencies only. Mirrored kernels are placed with their
+    corner, not their centre, at pixel (0, 0): the results lie h // 2 further on.
+    """
+
+    @staticmethod
+    def forward(ctx, features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
+        ctx.save_for_backward(features, coefficients)
+        height, width = features.shape[-2:]
+        half = coefficients.shape[-1] // 2
+        shape = _padded_shape(features, half)
+        spectrum = torch.fft.fft2(features, shape)[:, None]  # (B, 1, C, P, Q)
+        out = coefficients.new_empty(*coefficients.shape[:2], height, width)
+        for block in _blocks(coefficients, shape):
+            product = (spectrum * _mirrored_spectrum(coefficients[:, block], shape)).sum(dim=2)
+            out[:, block] = torch.fft.ifft2(product)[..., half : half + height, half : half + width]
+        return out
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, grad: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+        features, coefficients = ctx.saved_tensors
+        height, width = features.shape[-2:]
+        half = coefficients.shape[-1] // 2
+        shape = _padded_shape(features, half)
+        spectrum = torch.fft.fft2(features, shape).conj()[:, None]
+        lags = torch.arange(-half, half + 1, device=features.device)
+        features_grad, coefficients_grad = None, None
+        if ctx.needs_input_grad[0]:
+            total = spectrum.new_zeros(spectrum[:, 0].shape)
+        if ctx.needs_input_grad[1]:
+            coefficients_grad = torch.empty_like(coefficients)
+        for block in _blocks(coefficients, shape):
+            grads = torch.fft.fft2(grad[:, block], shape)[:, :, None]  # (B, k, 1, P, Q)
+            if ctx.needs_input_grad[0]:
+                total += (_mirrored_spectrum(coefficients[:, block], shape).conj() * grads).sum(dim=1)
+            if ctx.needs_input_grad[1]:
+                rows = torch.fft.ifft(spectrum * grads, dim=-2)[..., lags, :]
+                coefficients_grad[:, block] = torch.fft.ifft(rows)[..., lags].flip(-2, -1)
+        if ctx.needs_input_grad[0]:
+            features_grad = torch.fft.ifft2(total).real.roll((half, half), (-2, -1))[..., :height, :width]
+        return features_grad, coefficients_grad
+
+
+def _padded_shape(features: torch.Tensor, half: int) -> tuple[int, int]:
+    """A size, good for the FFT, at which a kernel that hangs over one border does not reach the other."""
+    height, width = features.shape[-2:]
+    return next_fast_len(height + half), next_fast_len(width + half)
+
+
+def _blocks(coefficients: torch.Tensor, shape: tuple[int, int]) -> list[slice]:
+    """Frequencies in runs whose spectra fit `BLOCK`."""
+    batch, terms, channels = coefficients.shape[:3]
+    step = max(1, BLOCK // (batch * channels * math.prod(shape)))
+    return [slice(start, start + step) for start in range(0, terms, step)]
+
+
+def _mirrored_spectrum(kernels: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Spectrum of kernels (..., h, h) mirrored in their centre: first along the few rows that are not 0."""
+    return torch.fft.fft(torch.fft.fft(kernels.flip(-2, -1), shape[1]), shape[0], dim=-2)
 
 
 def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
@@ -122,15 +271,76 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
         (B, R, H, W) real.
     """
     batch, terms, height, width = response.shape
-    k = torch.arange(terms, dtype=angles.dtype, device=response.device)
-    phase = angles.to(response.device)[:, None] * k[None, :]
-    double = torch.where(k == 0, 1.0, 2.0)  # k and -k are conjugates
-    basis = torch.cat([double * phase.cos(), -double * phase.sin()], dim=1).to(response.real)  # (R, 2(K+1))
+    basis = _sampling(terms, angles).to(response.real)  # (R, 2(K+1))
     flat = torch.cat([response.real, response.imag], dim=1).flatten(2)  # (B, 2(K+1), H*W)
     return (basis @ flat).view(batch, len(angles), height, width)
+
+
+def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
+    """The largest of all samples, as (angle, row, col), without sampling where it cannot be.
+
+    Above no pixel can the signal exceed C_0 + 2 sum of |C_k|, so only pixels whose bound reaches the
+    best value found so far are sampled. The answer is that of ``sample(...).argmax()``.
+
+    Args:
+        response: (K + 1, H, W) complex, of one scene.
+        angles: (R,) radians.
+    """
+    terms, _, width = response.shape
+    flat = response.flatten(1)  # (K+1, H*W)
+    bound = flat[0].real + 2 * flat[1:].abs().sum(dim=0)
+    basis = _sampling(terms, angles).to(bound)
+
+    def best(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        chosen = flat[:, pixels]
+        values, indices = (basis @ torch.cat([chosen.real, chosen.imag])).max(dim=0)
+        winner = values.argmax()
+        return values[winner], indices[winner], pixels[winner]
+
+    found = best(bound.topk(min(64, len(bound))).indices)
+    for pixels in (bound >= found[0]).nonzero()[:, 0].split(2048):
+        found = max(found, best(pixels), key=lambda triple: float(triple[0]))
+    return int(found[1]), *divmod(int(found[2]), width)
+
+
+def best_angle(response: torch.Tensor) -> torch.Tensor:
+    """The angle at which sum over k of C_k exp(i k theta) is largest, not tied to any bins.
+
+    The polynomial's best of 16 K samples, then Newton's method; a constant signal gives 0.
+
+    Args:
+        response: (..., K + 1) complex, the coefficients above one or more pixels.
+
+    Returns:
+        (...) radians in [0, 2 pi).
+    """
+    terms = response.shape[-1]
+    k = torch.arange(terms).to(response.real)
+    coarse = 2 * math.pi * torch.arange(16 * terms, device=response.device).to(response.real) / (16 * terms)
+    values = torch.cat([response.real, response.imag], dim=-1) @ _sampling(terms, coarse).T  # (..., 16(K+1))
+    angle = coarse[values.argmax(dim=-1)]
+    for _ in range(4):
+        wave = response * torch.exp(1j * k * angle[..., None])
+        slope, curvature = -(k * wave.imag).sum(dim=-1), -(k**2 * wave.real).sum(dim=-1)
+        step = torch.where(curvature < 0, -slope / curvature, 0.0)
+        angle = angle + step.clamp(-math.pi / (16 * terms), math.pi / (16 * terms))
+    return angle % (2 * math.pi)
+
+
+def _sampling(terms: int, angles: torch.Tensor) -> torch.Tensor:
+    """(R, 2(K + 1)): what takes real parts, then imaginary parts of C_k to the values at ``angles``."""
+    k = torch.arange(terms, dtype=angles.dtype, device=angles.device)
+    phase = angles[:, None] * k
+    double = torch.where(k == 0, 1.0, 2.0)  # k and -k are conjugates
+    return torch.cat([double * phase.cos(), -double * phase.sin()], dim=1)
 
 
 def _check_kernel(kernel: torch.Tensor) -> torch.Size:
     if kernel.ndim != 4 or kernel.shape[-1] != kernel.shape[-2] or kernel.shape[-1] % 2 == 0:
         raise ValueError(f"kernel must be (B, C, h, h) with odd h, got {tuple(kernel.shape)}")
     return kernel.shape
+
+
+def _check_frequency(frequency: int, rotations: int) -> None:
+    if not 0 <= frequency < rotations / 2:
+        raise ValueError(f"frequency must be in [0, {rotations}/2) for {rotations} rotations, got {frequency}")

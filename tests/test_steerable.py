@@ -1,10 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 import torch
+from scipy.special import jn_zeros, jv
 
-from gem_lite.se2 import rotate_image
-from gem_lite.steerable import SteerableKernel, disc, fourier, orbit, radius, sample
+from gem_lite import steerable
+from gem_lite.steerable import SteerableKernel, band_limited, best_angle, disc, fourier, orbit, peak, sample, turn
 
 H = 9
 
@@ -23,6 +25,84 @@ def smooth_kernel(channels: int = 2, size: int = H, seed: int = 0) -> torch.Tens
     return kernel * disc(size)
 
 
+class AnalyticKernel:
+    """A band-limited kernel by a formula of its own: sums of J_m(z r / R) cos(m phi - shift), turned by formula."""
+
+    def __init__(self, size: int, channels: int, orders: int, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        self.size, self.radius, self.channels = size, (size + 1) / 2, []
+        for _ in range(channels):
+            terms = []
+            for m in range(orders + 1):
+                zeros = jn_zeros(m, 3)
+                terms += [
+                    (m, zero, rng.normal(), rng.uniform(0, 2 * np.pi)) for zero in zeros[zeros <= np.pi * self.radius]
+                ]
+            self.channels.append(terms)
+
+    def pixels(self, angle: float) -> torch.Tensor:
+        """(channels, size, size) float64, turned counter-clockwise by ``angle``."""
+        offset = np.arange(self.size) - self.size // 2
+        x, y = offset[None, :], -offset[:, None]
+        r, phi = np.hypot(x, y), np.arctan2(y, x) - angle
+        inside = r < self.radius
+        return torch.from_numpy(
+            np.stack(
+                [
+                    inside * sum(w * jv(m, z * r / self.radius) * np.cos(m * phi - s) for m, z, w, s in terms)
+                    for terms in self.channels
+                ]
+            )
+        )
+
+
+@pytest.mark.parametrize(
+    ("size", "shape", "channels", "orders", "rotations"),
+    [
+        (33, (64, 48), 3, 8, 72),
+        (17, (41, 40), 1, 8, 36),
+        (9, (20, 33), 2, 5, 30),
+    ],
+)
+def test_equals_a_kernel_turned_by_formula(size, shape, channels, orders, rotations):
+    # The reference turns the kernel analytically in float64, then correlates; ours is float32.
+    kernel = AnalyticKernel(size, channels, orders)
+    features = torch.randn(1, channels, *shape, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    angles = 2 * math.pi * torch.arange(rotations, dtype=torch.float64) / rotations
+    stack = torch.stack([kernel.pixels(float(a)) for a in angles])
+    reference = torch.nn.functional.conv2d(features, stack, padding=size // 2)
+    lifted = SteerableKernel.lift(kernel.pixels(0.0)[None].float(), 180, orders)
+    found = sample(lifted.correlate(features.float()), angles.float())
+    assert (found - reference).norm() / reference.norm() < 1e-4
+    # A sign wrong in the lift, or a kernel one bin off, is seen.
+    flipped = sample(SteerableKernel(lifted.coefficients.conj()).correlate(features.float()), angles.float())
+    assert (flipped - reference).norm() / reference.norm() > 0.1
+    assert (found.roll(1, dims=1) - reference).norm() / reference.norm() > 0.1
+
+
+@pytest.mark.parametrize("size", [1, 3, 5, 17, 33])
+def test_band_limiting_keeps_what_is_smooth_and_is_a_projection(size):
+    kernel = torch.randn(2, 3, size, size, dtype=torch.float64)
+    kept = band_limited(kernel)
+    assert torch.allclose(band_limited(kept), kept, atol=1e-12)
+    assert kept[..., ~disc(size)].abs().sum() == 0
+    share = float((kept**2).sum() / (kernel[..., disc(size)] ** 2).sum())
+    assert 0.5 < share <= 1
+    assert ((kernel - kept) * kept)[..., disc(size)].sum().abs() < 1e-9 * float((kernel**2).sum())  # least squares
+    if size >= 17:
+        smooth = smooth_kernel(size=size)
+        assert (band_limited(smooth) - smooth).norm() / smooth.norm() < 0.05
+
+
+def test_turning_composes_and_agrees_with_pixels_at_quarter_turns():
+    kernel = band_limited(torch.randn(1, 2, 17, 17, dtype=torch.float64))
+    angles = torch.tensor([0.3, 1.1, math.pi / 2], dtype=torch.float64)
+    one, two, quarter = turn(kernel, angles)[0].unsqueeze(1)
+    assert torch.allclose(turn(one, angles[1:2])[:, 0], turn(kernel, angles[:2].sum()[None])[:, 0], atol=1e-12)
+    assert torch.allclose(quarter, torch.rot90(kernel, 1, dims=(-2, -1)), atol=1e-12)
+    assert not torch.allclose(two, one, atol=0.1)
+
+
 def test_orbit_is_regular_type():
     # Lemma 1: T_g Psi = rho_reg(g^-1) Psi, where (rho_reg(g_j) Psi)_i = Psi_{i-j}. Exact at quarter turns.
     kernel = smooth_kernel()
@@ -32,10 +112,10 @@ def test_orbit_is_regular_type():
 
 
 def test_orbit_turns_counter_clockwise():
-    kernel = torch.zeros(1, 1, 5, 5)
-    kernel[0, 0, 2, 4] = 1.0  # right of the centre
-    quarter = orbit(kernel, 4)[0, 1, 0]
-    assert quarter[0, 2] == pytest.approx(1.0, abs=1e-6)  # now above it
+    kernel = torch.zeros(1, 1, 9, 9)
+    kernel[0, 0, 4, 7] = 1.0  # right of the centre
+    for i, (row, col) in enumerate([(4, 7), (1, 4), (4, 1), (7, 4)]):  # above it, left, below
+        assert divmod(int(orbit(kernel, 4)[0, i, 0].argmax()), 9) == (row, col)
 
 
 def test_fourier_inverts_up_to_its_frequency():
@@ -45,14 +125,27 @@ def test_fourier_inverts_up_to_its_frequency():
     angles = 2 * math.pi * torch.arange(16, dtype=torch.float64) / 16
     flat = coefficients[:, :, 0]  # (1, K+1, h, h), as if it were a response
     error = (sample(flat, angles) - stack[:, :, 0]).abs().max() / stack.abs().max()
-    assert error < 0.05  # what lies above frequency 7, and the terms that a radius cannot carry
+    assert error < 0.05  # what lies above frequency 7
+
+
+@pytest.mark.parametrize(("rotations", "frequency"), [(8, 3), (36, 8), (180, 8), (181, 40)])
+def test_lift_is_the_fourier_transform_of_the_orbit(rotations, frequency):
+    # One linear map against the explicit orbit, also where few rotations alias.
+    kernel = torch.randn(2, 3, 17, 17, dtype=torch.float64)
+    slow = fourier(orbit(kernel, rotations), frequency)
+    assert torch.allclose(SteerableKernel.lift(kernel, rotations, frequency).coefficients, slow, atol=1e-12)
 
 
 def test_no_angular_signal_where_none_can_be():
-    coefficients = fourier(orbit(torch.randn(1, 1, H, H), 36), 12)
-    assert coefficients[:, 1:, :, H // 2, H // 2].abs().max() == 0
+    noise = torch.randn(1, 1, H, H, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    coefficients = fourier(orbit(noise, 36), 12)
+    assert coefficients[:, 1:, :, H // 2, H // 2].abs().max() < 1e-15
+    # A ring of radius r is 2 pi r pixels long: at most pi r waves. J_m fades out fast beyond.
+    offset = torch.arange(H) - H // 2
+    radius = torch.hypot(offset[:, None].float(), offset[None, :].float())
     k = torch.arange(13)[:, None, None]
-    assert coefficients[0, :, 0][k > math.pi * radius(H)].abs().max() == 0
+    beyond = coefficients[0, :, 0][k > math.pi * radius + 2].abs().max()
+    assert beyond < 0.05 * coefficients.abs().max()
 
 
 def test_turning_the_kernel_multiplies_coefficients():
@@ -63,13 +156,30 @@ def test_turning_the_kernel_multiplies_coefficients():
     assert not torch.allclose(lifted.turned(-math.pi / 2).coefficients, direct.coefficients, atol=1e-3)
 
 
-def test_equals_rotate_then_correlate():
-    # The slow way: turn the kernel to every angle, then correlate.
-    kernel, features = smooth_kernel(size=17), torch.randn(1, 2, 24, 20, dtype=torch.float64)
-    angles = 2 * math.pi * torch.arange(36, dtype=torch.float64) / 36
-    slow = torch.nn.functional.conv2d(features, orbit(kernel, 36)[0], padding=8)
-    fast = sample(SteerableKernel.lift(kernel, 36, 17).correlate(features), angles)
-    assert (fast - slow).abs().max() / slow.abs().max() < 0.02
+@pytest.mark.parametrize(("shape", "size"), [((24, 20), 17), ((33, 33), 9), ((10, 7), 5), ((5, 6), 9), ((8, 8), 1)])
+@pytest.mark.parametrize(("batch", "channels"), [(1, 1), (2, 3)])
+def test_correlation_by_fft_equals_sums(shape, size, batch, channels):
+    # Even and odd maps, also smaller than the kernel; torch's convolution is a plain cross-correlation.
+    features = torch.randn(batch, channels, *shape, dtype=torch.float64)
+    coefficients = torch.randn(batch, 4, channels, size, size, dtype=torch.complex128)
+    found = SteerableKernel(coefficients).correlate(features)
+    for one, kernel, response in zip(features, coefficients, found, strict=True):
+        slow = [torch.nn.functional.conv2d(one[None], part, padding=size // 2) for part in (kernel.real, kernel.imag)]
+        assert torch.allclose(response, torch.complex(*slow)[0], atol=1e-11)
+
+
+def test_blocks_of_frequencies_do_not_matter(monkeypatch):
+    kernel, features = torch.randn(1, 2, 9, 9, dtype=torch.float64), torch.randn(1, 2, 24, 20, dtype=torch.float64)
+
+    def run():
+        kernel.requires_grad_(), features.requires_grad_()
+        response = SteerableKernel.lift(kernel, 36, 8).correlate(features)
+        return response, *torch.autograd.grad(response.abs().sum(), (kernel, features))
+
+    plain = run()
+    monkeypatch.setattr(steerable, "BLOCK", 1)
+    for one, other in zip(plain, run(), strict=True):
+        assert torch.allclose(one, other, atol=1e-11)
 
 
 def test_impulse_pins_correlation_against_convolution():
@@ -77,11 +187,14 @@ def test_impulse_pins_correlation_against_convolution():
     kernel = smooth_kernel(channels=1)
     features = torch.zeros(1, 1, 21, 21, dtype=torch.float64)
     features[0, 0, 10, 10] = 1.0
-    response = SteerableKernel.lift(kernel, 36, 8).correlate(features).real[0, 0]
-    expected = fourier(orbit(kernel, 36), 0).real[0, 0, 0].flip(0, 1)
-    assert torch.allclose(response[10 - 4 : 10 + 5, 10 - 4 : 10 + 5], expected, atol=1e-12)
+    window = (..., slice(6, 15), slice(6, 15))
     single = SteerableKernel(kernel[:, None].to(torch.complex128)).correlate(features).real[0, 0]
-    assert torch.allclose(single[6:15, 6:15], kernel[0, 0].flip(0, 1), atol=1e-12)
+    assert torch.allclose(single[window], kernel[0, 0].flip(0, 1), atol=1e-12)
+    assert not torch.allclose(single[window], kernel[0, 0], atol=0.01)
+    # Over all angles: the response around an impulse is the kernel turned by each angle and a half turn.
+    angles = 2 * math.pi * torch.arange(36, dtype=torch.float64) / 36
+    response = sample(SteerableKernel.lift(kernel, 36, 17).correlate(features), angles)[window]
+    assert torch.allclose(response, turn(kernel, angles + math.pi)[:, :, 0], atol=1e-3)
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
@@ -106,15 +219,36 @@ def test_turning_the_object_moves_the_best_angle_by_as_much(turns):
     assert moved == (9 * turns, row + 16, col + 16)
 
 
-def test_angle_follows_a_turned_object_between_the_bins():
+@pytest.mark.parametrize("degrees", [17.0, 101.0, -64.0, 0.4])
+def test_best_angle_follows_a_turned_object_between_the_bins(degrees):
     kernel = smooth_kernel(channels=1, size=17)
     lifted = SteerableKernel.lift(kernel, 180, 8)
-    fine = 2 * math.pi * torch.arange(720, dtype=torch.float64) / 720
-    for degrees in (17.0, 101.0, -64.0):
-        turned = rotate_image(kernel, torch.tensor([math.radians(degrees)]))
-        logits = sample(lifted.correlate(turned), fine)[0, :, 8, 8]
-        found = math.degrees(float(fine[logits.argmax()]))
-        assert abs((found - degrees + 180) % 360 - 180) < 1.5
+    turned = turn(kernel, torch.tensor([math.radians(degrees)], dtype=torch.float64))[:, 0]
+    at_object = lifted.correlate(turned)[0, :, 8, 8]
+    found = math.degrees(float(best_angle(at_object)))
+    assert abs((found - degrees + 180) % 360 - 180) < 0.05
+
+
+def test_best_angle_is_the_highest_point_of_the_signal():
+    response = torch.randn(50, 9, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
+    found = best_angle(response)
+    assert found.shape == (50,)
+    fine = torch.linspace(0, 2 * math.pi, 5001, dtype=torch.float64)
+    grid = response.T[None, :, :, None]  # as (1, K+1, H, W)
+    highest = sample(grid, fine)[0, :, :, 0].amax(dim=0)
+    reached = torch.stack([sample(grid[:, :, i : i + 1], found[i : i + 1])[0, 0, 0, 0] for i in range(50)])
+    assert (reached >= highest - 1e-9).all()
+    assert best_angle(torch.tensor([1.0 + 0j, 0, 0])) == 0
+
+
+@pytest.mark.parametrize("count", [1, 36, 360])
+def test_peak_is_the_argmax_of_all_samples(count):
+    angles = 2 * math.pi * torch.arange(count, dtype=torch.float64) / count
+    for seed in range(5):
+        generator = torch.Generator().manual_seed(seed)
+        response = torch.randn(5, 23, 17, dtype=torch.complex128, generator=generator)
+        logits = sample(response[None], angles)[0]
+        assert peak(response, angles) == tuple(int(i) for i in np.unravel_index(int(logits.argmax()), logits.shape))
 
 
 def test_batch_entries_do_not_mix():
