@@ -45,7 +45,6 @@ def disc(size: int) -> torch.Tensor:
     return torch.hypot(offset[:, None], offset[None, :]) < (size + 1) / 2 - 1e-9
 
 
-@lru_cache(maxsize=8)
 def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The polar harmonics of a ``size`` x ``size`` kernel: orders m (D,), analysis and synthesis (D, size^2).
 
@@ -79,6 +78,13 @@ def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return orders, analysis, synthesis
 
 
+@lru_cache(maxsize=2)
+def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """`_harmonics` as tensors, the orders real and the rest complex."""
+    orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in _harmonics(size))
+    return orders.to(dtype.to_real()), analysis.to(dtype), synthesis.to(dtype)
+
+
 def turn(kernel: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
     """Turn kernels counter-clockwise about their centre, exactly within the band (T_g of Eq. 7, rho = 1).
 
@@ -90,11 +96,9 @@ def turn(kernel: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
         (B, n, C, h, h), zero outside `disc`.
     """
     size = _check_kernel(kernel)[-1]
-    precision = torch.complex128 if kernel.dtype == torch.float64 else torch.complex64
-    orders, analysis, synthesis = (torch.from_numpy(part) for part in _harmonics(size))
-    analysis, synthesis = (part.to(kernel.device, precision) for part in (analysis, synthesis))
-    coefficients = kernel.flatten(2).to(precision) @ analysis.T  # (B, C, D)
-    phases = torch.exp(-1j * orders.to(angles) * angles[:, None]).to(precision)  # (n, D)
+    orders, analysis, synthesis = _turning(size, kernel.dtype.to_complex(), kernel.device)
+    coefficients = kernel.flatten(2).to(analysis.dtype) @ analysis.T  # (B, C, D)
+    phases = torch.exp(-1j * orders * angles.to(orders)[:, None])  # (n, D)
     turned = (coefficients[:, None] * phases[:, None]) @ synthesis  # (B, n, C, h*h)
     return turned.real.unflatten(-1, (size, size))
 
@@ -168,9 +172,8 @@ class SteerableKernel:
         """
         batch, channels, size, _ = _check_kernel(kernel)
         _check_frequency(frequency, rotations)
-        precision = torch.complex128 if kernel.dtype == torch.float64 else torch.complex64
-        analysis, synthesis = _lift_map(size, rotations, frequency, precision, kernel.device)
-        pixels = kernel.reshape(batch * channels, -1).to(precision)
+        analysis, synthesis = _lift_map(size, rotations, frequency, kernel.dtype.to_complex(), kernel.device)
+        pixels = kernel.reshape(batch * channels, -1).to(analysis.dtype)
         weights = analysis.flatten(0, 1) @ pixels.T  # ((K+1)*J, B*C)
         weights = weights.view(frequency + 1, -1, batch * channels)
         coefficients = weights.transpose(1, 2) @ synthesis  # (K+1, B*C, h*h)

@@ -1,0 +1,182 @@
+"""Seconds and memory of a steerable correlation against rotating the kernel first.
+
+    python tests/benchmarks/steerable.py            # some minutes on 2 cores
+    python tests/benchmarks/steerable.py --quick    # the kernels of 17 and 33 pixels at 72 angles only
+
+*rotate first*: the kernel is turned to every angle by bilinear interpolation, then one conv2d correlates
+all of them. *ours*: kernel to Fourier coefficients, correlation by FFT, sampling. Both are differentiated
+with respect to kernel and features. Memory is the growth of the process while it works, at its highest,
+measured in a process of its own (Linux only).
+"""
+
+import argparse
+import contextlib
+import ctypes
+import multiprocessing
+import warnings
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from timing import seconds
+
+from gem_lite import equivariance
+from gem_lite.se2 import angle_bins, rotate_image
+from gem_lite.steerable import SteerableKernel, band_limited, disc, peak, sample, turn
+
+warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
+
+CHANNELS = 3
+LIFTED = 180
+CASES = (((160, 80), 17), ((320, 160), 33), ((320, 160), 65))
+FREQUENCIES = (8, 16, 36)
+ANGLES = (36, 72, 180)
+CURVE = (4, 12, 36, 72, 180, 360)
+
+
+def fastest_conv2d(size: int) -> contextlib.AbstractContextManager:
+    """oneDNN for common kernels; for large ones, where it takes minutes, torch's own matrix product."""
+    return torch.backends.mkldnn.flags(enabled=size <= 33)
+
+
+def rotate_first(kernel: torch.Tensor, features: torch.Tensor, angles: torch.Tensor, mode: str = "bilinear"):
+    """(1, R, H, W): correlate with R turned kernels."""
+    turned = rotate_image((kernel * disc(kernel.shape[-1])).expand(1, -1, -1, -1), angles, mode=mode)
+    return F.conv2d(features, turned, padding=kernel.shape[-1] // 2)
+
+
+def ours(kernel: torch.Tensor, features: torch.Tensor, angles: torch.Tensor, frequency: int):
+    """(1, R, H, W): the same by Fourier coefficients."""
+    return sample(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features), angles)
+
+
+def problem(shape: tuple[int, int], size: int, count: int):
+    """A smooth kernel, features of noise, and the sampled angles."""
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn(1, CHANNELS, size, size, generator=generator)
+    reach = size // 4
+    blur = torch.exp(-(torch.arange(-reach, reach + 1.0) ** 2) / (2 * (size / 12) ** 2))
+    window = disc(size) * torch.exp(
+        -((torch.linspace(-1.5, 1.5, size) ** 2)[:, None] + torch.linspace(-1.5, 1.5, size) ** 2)
+    )
+    blur = (blur[:, None] * blur).expand(CHANNELS, 1, -1, -1)
+    smooth = F.conv2d(noise, blur, padding=reach, groups=CHANNELS) * window
+    features = torch.randn(1, CHANNELS, *shape, generator=generator)
+    return band_limited(smooth), features, torch.from_numpy(angle_bins(count)).float()
+
+
+def work(shape: tuple[int, int], size: int, count: int, frequency: int | None):
+    """Two functions: forward, and forward+backward; ``frequency`` None is *rotate first*."""
+    kernel, features, angles = problem(shape, size, count)
+    upstream = torch.randn(1, count, *shape)
+
+    def forward():
+        if frequency is None:
+            return rotate_first(kernel, features, angles)
+        return ours(kernel, features, angles, frequency)
+
+    def inference():
+        with torch.no_grad(), fastest_conv2d(size):
+            return forward()
+
+    def training():
+        kernel.requires_grad_(), features.requires_grad_()
+        with fastest_conv2d(size):
+            forward().backward(upstream)
+
+    return inference, training
+
+
+def _grown(queue, shape: tuple[int, int], size: int, count: int, frequency: int | None) -> None:
+    """Megabytes by which this process grows at its highest while it trains one step."""
+    work((32, 32), 9, 4, frequency)[1]()  # libraries load
+    training = work(shape, size, count, frequency)[1]
+    if frequency is not None:
+        SteerableKernel.lift(torch.zeros(1, CHANNELS, size, size), LIFTED, frequency)  # tables are made
+    ctypes.CDLL(None).malloc_trim(0)  # what was freed goes back, so that it does not hide the growth
+    Path("/proc/self/clear_refs").write_text("5")  # forget the highest mark
+    before = _status("VmRSS")
+    training()
+    queue.put(_status("VmHWM") - before)
+
+
+def _status(key: str) -> float:
+    """A figure of this process, in megabytes."""
+    return int(Path("/proc/self/status").read_text().split(f"{key}:")[1].split()[0]) / 1024
+
+
+def megabytes(*case) -> float:
+    """`_grown` in a fresh process."""
+    context = multiprocessing.get_context("spawn")
+    queue = context.Queue()
+    process = context.Process(target=_grown, args=(queue, *case))
+    process.start()
+    grown = queue.get()
+    process.join()
+    return grown
+
+
+def differences(shape: tuple[int, int], size: int, count: int, frequency: int) -> str:
+    """Ours against three ways to turn a smooth kernel: what is cut off at K, and what interpolation costs."""
+    kernel, features, angles = problem(shape, size, count)
+    found = ours(kernel, features, angles, frequency)
+    exact = F.conv2d(features, turn(kernel, angles)[0], padding=size // 2)
+    references = {"exact": exact} | {
+        mode: rotate_first(kernel, features, angles, mode) for mode in ("bicubic", "bilinear")
+    }
+    return "from kernels turned " + ", ".join(
+        f"{name} {float((found - reference).abs().max() / exact.abs().max()):.1e}"
+        for name, reference in references.items()
+    )
+
+
+def main() -> None:
+    """Print times, memory, ratios and differences."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="kernels of 17 and 33 pixels, 72 angles")
+    quick = parser.parse_args().quick
+    print(f"{torch.get_num_threads()} threads, {CHANNELS} channels; ratios are rotate first / ours")
+    for shape, size in CASES[: 2 if quick else None]:
+        # 72 kernels of 65 pixels take seconds by conv2d: once is enough there.
+        long = size > 33
+        for count in (72,) if quick or long else ANGLES:
+            slow = [seconds(step, 1 if long else 3)[0] for step in work(shape, size, count, None)]
+            space = megabytes(shape, size, count, None)
+            print(f"\n{shape[0]} x {shape[1]}, h = {size}, {count} angles; forward, with gradients, memory")
+            print(f"  rotate first  {slow[0] * 1e3:8.1f} ms {slow[1] * 1e3:8.1f} ms {space:5.0f} MB")
+            for frequency in FREQUENCIES:
+                fast = [seconds(step, 7)[0] for step in work(shape, size, count, frequency)]
+                used = megabytes(shape, size, count, frequency)
+                print(
+                    f"  ours, K = {frequency:2d}  {fast[0] * 1e3:8.1f} ms {fast[1] * 1e3:8.1f} ms {used:5.0f} MB;"
+                    f"  ratios {slow[0] / fast[0]:5.1f}, {slow[1] / fast[1]:5.1f}, memory {space / used:4.1f}"
+                )
+        print("  largest difference at K = 16, relative to the largest value,", differences(shape, size, 72, 16))
+
+    shape, size = CASES[1]
+    print(f"\ncost against the number of sampled angles, {shape[0]} x {shape[1]}, h = {size}, inference")
+    print("  angles   rotate first " + "".join(f"  K = {k}: table     peak  " for k in FREQUENCIES))
+    kernel, features, _ = problem(shape, size, 1)
+    for count in CURVE[:4] if quick else CURVE:
+        angles = torch.from_numpy(angle_bins(count)).float()
+        line = f"  {count:6d}   {seconds(work(shape, size, count, None)[0], 2)[0] * 1e3:9.1f} ms "
+        for frequency in FREQUENCIES:
+
+            def decide(frequency=frequency, angles=angles):
+                return peak(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features)[0], angles)
+
+            with torch.no_grad():
+                table = seconds(work(shape, size, count, frequency)[0], 7)[0]
+                best = seconds(decide, 7)[0]
+            line += f"  {table * 1e3:9.1f} ms {best * 1e3:5.1f} ms  "
+        print(line)
+    print("  table: every logit is written down; peak: the best angle and pixel only")
+    worst = equivariance.proposition_1_errors(
+        lambda scene: ours(kernel, scene, torch.from_numpy(angle_bins(4)).float(), 16), features[..., :159, :159], 4
+    ).max()
+    assert worst < 1e-5, f"quarter turns should be exact, the error is {worst:.1e}"
+    print(f"equivariance error at quarter turns: {worst:.1e}")
+
+
+if __name__ == "__main__":
+    main()
