@@ -22,7 +22,8 @@ PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
 MAP_COLORS = "inferno"
 
 
-def _bare(ax: Axes, title: str = "") -> Axes:
+def bare(ax: Axes, title: str = "") -> Axes:
+    """Axes without ticks, for a picture."""
     ax.set_xticks([])
     ax.set_yticks([])
     ax.set_title(title, fontsize=9)
@@ -44,8 +45,8 @@ def show_views(views: Sequence[View]) -> Figure:
     """The cameras' pictures above their depth."""
     fig, axes = plt.subplots(2, len(views), figsize=(3.4 * len(views), 5.0), layout="constrained")
     for column, view in zip(axes.T, views, strict=True):
-        _bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
-        shown = _bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
+        bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
+        shown = bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
     fig.colorbar(shown, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
     return fig
 
@@ -92,17 +93,17 @@ def show_decision(decision: Decision, clip_name: str) -> Figure:
          decision.place_logits, decision.action.place, PLACE_COLOR),
     )  # fmt: skip
     for axs, (role, phrase, text, image, blend, logits, pose, color) in zip(axes, rows, strict=True):
-        _bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
-        _bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
+        bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
+        bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
         if image is None:
-            _bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
+            bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
             axs[2].text(
                 0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
             )
         else:
-            _bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
-        shown = _bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
-        scored = _bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
+            bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
+        shown = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
+        scored = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
         draw_gripper(axs[0], pose, w, color)
         row, col = w.to_pixel(pose.x, pose.y)
         axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
@@ -134,7 +135,7 @@ def show_story(pictures: Sequence[tuple[str, np.ndarray]], suptitle: str = "") -
         1, len(pictures), figsize=(3.2 * sum(widths) + 0.3, 3.6), width_ratios=widths, layout="constrained"
     )
     for ax, (title, picture) in zip(np.atleast_1d(axes), pictures, strict=True):
-        _bare(ax, title).imshow(picture)
+        bare(ax, title).imshow(picture)
     fig.suptitle(suptitle, fontsize=10)
     return fig
 
@@ -165,7 +166,7 @@ def show_tables(tables: Sequence[tuple[str, np.ndarray]]) -> Figure:
         layout="constrained",
     )  # fmt: skip
     for ax, (title, table) in zip(np.atleast_1d(axes), tables, strict=True):
-        _bare(ax, title).imshow(table, cmap="Blues", vmin=table.min(), vmax=2 * table.max() - table.min())
+        bare(ax, title).imshow(table, cmap="Blues", vmin=table.min(), vmax=2 * table.max() - table.min())
         for (row, col), value in np.ndenumerate(table):
             ax.text(col, row, f"{value:.3g}", ha="center", va="center", fontsize=9)
     return fig
@@ -177,7 +178,7 @@ def show_patches(patches: np.ndarray, scores: np.ndarray, title: str) -> Figure:
     fig, axes = plt.subplots(rows, cols, figsize=(0.95 * cols + 0.9, 1.12 * rows + 0.4), layout="constrained")
     shade = plt.get_cmap(MAP_COLORS)
     for ax, patch, score in zip(axes.flat, patches.reshape(-1, *patches.shape[2:]), scores.flat, strict=True):
-        _bare(ax, f"{score:.2f}").imshow(patch)
+        bare(ax, f"{score:.2f}").imshow(patch)
         for edge in ax.spines.values():
             edge.set(color=shade(float(np.clip(score, 0, 1))), linewidth=3)
     scale = plt.cm.ScalarMappable(plt.Normalize(0, 1), MAP_COLORS)
@@ -193,7 +194,7 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
     fig, axes = plt.subplots(1, len(panels), figsize=size, width_ratios=widths, layout="constrained")
     axes, shown = np.atleast_1d(axes), None
     for ax, (title, panel) in zip(axes, panels, strict=True):
-        drawn = _bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
+        drawn = bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
         ax.set_facecolor("0.7")
         shown = drawn if panel.ndim == 2 else shown
     if shown is not None:
@@ -211,8 +212,8 @@ def show_pointings(cases: Sequence[tuple[str, np.ndarray, np.ndarray, tuple[floa
     """Pictures (H, W, 3) above their maps (H, W), with a cross at the cell (row, col) that the map points at."""
     fig, axes = plt.subplots(2, len(cases), figsize=(1.9 * len(cases), 6.2), squeeze=False, layout="constrained")
     for column, (title, picture, semantic, (row, col)) in enumerate(cases):
-        _bare(axes[0, column], title).imshow(picture)
-        _bare(axes[1, column], "").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        bare(axes[0, column], title).imshow(picture)
+        bare(axes[1, column], "").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
         for ax in axes[:, column]:
             ax.plot(col, row, "+", ms=16, mew=2.5, color="white")
             ax.plot(col, row, "+", ms=14, mew=1.2, color="black")
@@ -225,12 +226,12 @@ def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: He
     fig = plt.figure(figsize=(12, 4.8), layout="constrained")
     grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
     for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
-        _bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
-        ax = _bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
+        bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
+        ax = bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
         ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
         ax.set_facecolor("0.7")
-    _bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
-    ax = _bare(fig.add_subplot(grid[:, -1]), "fused: map")
+    bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
+    ax = bare(fig.add_subplot(grid[:, -1]), "fused: map")
     fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
     fig.suptitle(title, fontsize=10)
     return fig
@@ -276,7 +277,7 @@ def show_trace(trace: Sequence[GripperState], found: Sequence[tuple[str, Pose2]]
     """A gripper's way over the table and its holding signal over time, with the events that its edges mark."""
     w, tint = heightmap.workspace, {"pick": PICK_COLOR, "place": PLACE_COLOR}
     fig, axes = plt.subplots(1, 2, figsize=(8.6, 4.6), width_ratios=[1, 2.4], layout="constrained")
-    _bare(axes[0], "over the table").imshow(heightmap.rgb)
+    bare(axes[0], "over the table").imshow(heightmap.rgb)
     rows, cols = w.to_pixel(np.array([s.x for s in trace]), np.array([s.y for s in trace]))
     holding = np.array([s.holding for s in trace])
     axes[0].plot(cols, rows, color="0.75", lw=1, ls="--", label="empty")
@@ -382,13 +383,13 @@ def show_comparison(rows: Sequence[Comparison], pixel: float, suptitle: str = ""
         len(rows), columns, figsize=(2.25 * columns, 2.5 * len(rows) + 0.4), squeeze=False, layout="constrained"
     )
     for axs, row in zip(axes, rows, strict=True):
-        _bare(axs[0], row.caption).imshow(row.crop)
+        bare(axs[0], row.caption).imshow(row.crop)
         axs[0].set_ylabel(f'"{row.phrase}"', fontsize=10)
-        _bare(axs[1], "the scene").imshow(row.picture)
+        bare(axs[1], "the scene").imshow(row.picture)
         for ax, (name, semantic) in zip(axs[2:], row.maps.items(), strict=True):
             r, c = row.pointed[name]
             distance = 1000 * pixel * np.hypot(r - row.target[0], c - row.target[1])
-            shown = _bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+            shown = bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
             ax.plot(c, r, "x", color="#19c819", ms=8, mew=2)
         for ax in axs[1:]:
             ax.plot(row.target[1], row.target[0], "o", ms=13, mfc="none", mec="white", mew=1.2)

@@ -16,7 +16,7 @@ R = (h + 1) / 2, written in polar harmonics f(r) exp(i m phi) with f a Bessel fu
 round drum), up to the highest frequency, pi a pixel, that pixels carry in *every* direction. Turning a
 harmonic by theta multiplies it by exp(-i m theta): exact, for any angle, and nothing is resampled. So no
 rotated kernel is ever made: pixels to coefficients c_k is one fixed linear map, kept between calls. What
-a kernel holds beyond that band (about a fifth of white noise on the disc, and the corners of its square)
+a kernel holds beyond that band (a quarter of white noise on the disc, and the corners of its square)
 cannot be turned by anybody and is left out, by least squares; see `band_limited`. The only approximation
 after that is the cut at K, which the caller chooses.
 """
@@ -45,7 +45,7 @@ def disc(size: int) -> torch.Tensor:
     return torch.hypot(offset[:, None], offset[None, :]) < (size + 1) / 2 - 1e-9
 
 
-def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The polar harmonics of a ``size`` x ``size`` kernel: orders m (D,), analysis and synthesis (D, size^2).
 
     Pixels @ analysis.T are a kernel's coefficients, coefficients @ synthesis its pixels; complex128.
@@ -62,8 +62,8 @@ def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if not len(wavenumbers):
             break
         radial = jv(m, wavenumbers * distances) / abs(jv(m + 1, wavenumbers * radius)) / radius
-        harmonics = inside * radial[:, ring.ravel()] * np.exp(1j * m * phi)  # (J, size^2)
-        for order, values in {-m: harmonics.conj(), m: harmonics}.items():
+        waves = inside * radial[:, ring.ravel()] * np.exp(1j * m * phi)  # (J, size^2)
+        for order, values in {-m: waves.conj(), m: waves}.items():
             orders += len(values) * [order]
             functions.append(values)
     orders, synthesis = np.array(orders), np.concatenate(functions)
@@ -78,10 +78,10 @@ def _harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return orders, analysis, synthesis
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """`_harmonics` as tensors, the orders real and the rest complex."""
-    orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in _harmonics(size))
+    """`harmonics` as tensors, the orders real and the rest complex."""
+    orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
     return orders.to(dtype.to_real()), analysis.to(dtype), synthesis.to(dtype)
 
 
@@ -143,7 +143,7 @@ def _lift_map(
 
     A harmonic of order m turns by exp(-i m theta), so over n rotations it lands in k = -m modulo n.
     """
-    orders, analysis, synthesis = _harmonics(size)
+    orders, analysis, synthesis = harmonics(size)
     landing = [np.flatnonzero((-orders) % rotations == k) for k in range(frequency + 1)]
     parts = np.zeros((2, frequency + 1, max(map(len, landing)), size * size), dtype=complex)
     for k, chosen in enumerate(landing):

@@ -259,20 +259,45 @@ def test_batch_entries_do_not_mix():
     assert together.shape == (3, 4, 16, 12)
 
 
-def test_gradients():
-    kernel = torch.randn(1, 1, 3, 3, dtype=torch.float64, requires_grad=True)
-    features = torch.randn(1, 1, 5, 4, dtype=torch.float64, requires_grad=True)
+@pytest.mark.parametrize(
+    ("batch", "channels", "size", "shape"), [(1, 1, 3, (5, 4)), (2, 2, 3, (4, 5)), (1, 1, 5, (3, 6)), (1, 1, 1, (2, 2))]
+)
+def test_gradients(batch, channels, size, shape):
+    kernel = torch.randn(batch, channels, size, size, dtype=torch.float64, requires_grad=True)
+    features = torch.randn(batch, channels, *shape, dtype=torch.float64, requires_grad=True)
     angles = torch.tensor([0.0, 1.0], dtype=torch.float64)
 
     def logits(k, f):
         return sample(SteerableKernel.lift(k, 8, 2).correlate(f), angles)
 
     assert torch.autograd.gradcheck(logits, (kernel, features))
+    assert torch.autograd.gradcheck(lambda k: logits(k, features.detach()), (kernel,))
+    assert torch.autograd.gradcheck(lambda f: logits(kernel.detach(), f), (features,))
+
+
+def test_gradients_equal_those_of_rotating_first():
+    kernel = torch.randn(1, 2, 17, 17, dtype=torch.float64, requires_grad=True)
+    features = torch.randn(1, 2, 24, 21, dtype=torch.float64, requires_grad=True)
+    angles = 2 * math.pi * torch.arange(12, dtype=torch.float64) / 12
+    upstream = torch.randn(1, 12, 24, 21, dtype=torch.float64)
+    # Frequency 22 is the highest that a kernel of 17 pixels holds, so nothing is cut off.
+    ours = sample(SteerableKernel.lift(kernel, 180, 22).correlate(features), angles)
+    slow = torch.nn.functional.conv2d(features, turn(kernel, angles)[0], padding=8)
+    assert torch.allclose(ours, slow, atol=1e-10)
+    found = torch.autograd.grad((ours * upstream).sum(), (kernel, features))
+    expected = torch.autograd.grad((slow * upstream).sum(), (kernel, features))
+    for one, other in zip(found, expected, strict=True):
+        assert torch.allclose(one, other, atol=1e-9)
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="odd h"):
-        orbit(torch.zeros(1, 1, 4, 4), 8)
+    for kernel in (torch.zeros(1, 1, 4, 4), torch.zeros(1, 1, 3, 5), torch.zeros(3, 3)):
+        for call in (lambda k: orbit(k, 8), lambda k: SteerableKernel.lift(k, 8, 2), band_limited):
+            with pytest.raises(ValueError, match="odd h"):
+                call(kernel)
+    for frequency in (4, 5, -1):
+        with pytest.raises(ValueError, match=rf"frequency must be in \[0, 8/2\) for 8 rotations, got {frequency}"):
+            SteerableKernel.lift(torch.zeros(1, 1, 3, 3), 8, frequency)
     with pytest.raises(ValueError, match="frequency"):
         fourier(torch.zeros(1, 8, 1, 3, 3), 4)
     with pytest.raises(ValueError, match="features"):
