@@ -82,11 +82,12 @@ def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> De
         expert = task.expert(world)
         if expert is None:
             break
+        instruction = task.instruction  # the step may bring the next one
         result = world.step(expert.action)
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
-                _quantized(observation), task.instruction, language.parse(task.instruction), expert,
+                _quantized(observation), instruction, language.parse(instruction), expert,
                 _unpack(_pack(result.trace)), result.reward,
             )
         )  # fmt: skip

@@ -34,12 +34,12 @@ Actor = Callable[[World, Observation], Action | None]
 
 @dataclass(frozen=True)
 class Episode:
-    """The outcome of one episode: ``reward`` in [0, 1], and the two colours its sentence named."""
+    """The outcome of one episode: ``reward`` in [0, 1], and the colours its sentence named, if any."""
 
     index: int
     reward: float
     steps: int
-    named_colors: tuple[str, str]
+    named_colors: tuple[str, ...]
 
 
 def run_episode(world: World, actor: Actor, task_name: str, split: tasks.Split, index: int) -> Episode:
@@ -221,7 +221,7 @@ def main() -> None:
         "checkpoint_sha256": card.get("sha256"), "hardware": f"{os.cpu_count()} CPU cores",
     }  # fmt: skip
     rows = [result_row(args.method, args.task, found, "all", facts)]
-    both_new = [episode for episode in found if set(episode.named_colors) <= set(colors.NEW)]
+    both_new = [e for e in found if e.named_colors and set(e.named_colors) <= set(colors.NEW)]
     if both_new:
         rows.append(result_row(args.method, args.task, both_new, "both named colours new", facts))
     for row in rows:

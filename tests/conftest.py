@@ -11,15 +11,15 @@ os.environ["XDG_CACHE_HOME"] = _CACHE.name
 import pytest  # noqa: E402
 
 from gem_lite import demonstrations  # noqa: E402
+from gem_lite.tabletop.tasks import Task  # noqa: E402
 from gem_lite.tabletop.world import World  # noqa: E402
 
 
-class StagedTask:
+class StagedTask(Task):
     """A task whose scene and score a test gives: ``builders`` take a client and return a Body."""
 
-    instruction = ""
-
     def __init__(self, builders, score, max_steps):
+        super().__init__()
         self.builders, self.given_score, self.max_steps = builders, score, max_steps
         self.bodies = []
 

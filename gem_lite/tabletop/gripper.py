@@ -1,4 +1,9 @@
-"""A floating suction tool: driven by a constraint, it collides, and really carries what it holds.
+"""A floating tool, driven by a constraint: it collides, and really carries what it holds.
+
+By default it is a suction cup, which holds whatever its tip touches, at any yaw. As a parallel *jaw* it
+holds a bar only if it closes across it. The two fingers, which are not modelled, close along the tool's y
+axis: at yaw 0 they come from -y and +y of the world, and the jaw's yaw is that of a bar which it grasps
+squarely (half a turn more is the same grasp).
 
 All motions are counted in simulation steps; a motion that meets its budget stops where it is.
 """
@@ -23,13 +28,17 @@ TURN = 0.03
 """Radians per simulation step."""
 MOTION_STEPS = 1200
 """Budget of one motion in simulation steps."""
+JAW_ANGLE = np.radians(20)
+"""A jaw turned further (radians) from a bar's yaw slips off it."""
+JAW_REACH = 1 / 6
+"""A jaw grasps the middle third of a bar: at most this share of its length off its centre."""
 FORCE = 200.0
 LOG_EVERY = 8
 """Simulation steps between two states in the log: 30 a second."""
 
 
 class GripperState(NamedTuple):
-    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether its suction holds."""
+    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether it holds something."""
 
     x: float
     y: float
@@ -37,11 +46,12 @@ class GripperState(NamedTuple):
     holding: bool
 
 
-class SuctionGripper:
+class Gripper:
     """The tool of one world.
 
-    ``held`` is the id of the body it carries, or None; ``trace`` the states it went through since its
-    owner last cleared it, one every `LOG_EVERY` simulation steps of a motion.
+    ``jaw`` tells whether it grasps as a parallel jaw does, see above; ``held`` is the id of the body it
+    carries, or None; ``trace`` the states it went through since its owner last cleared it, one every
+    `LOG_EVERY` simulation steps of a motion.
     """
 
     def __init__(self, client: int) -> None:
@@ -55,6 +65,7 @@ class SuctionGripper:
         )
         self._target, self._yaw = np.array(PARKED), 0.0
         self._suction: int | None = None
+        self.jaw = False
         self.held: int | None = None
         self.trace: list[GripperState] = []
         self._clock = 0
@@ -62,16 +73,16 @@ class SuctionGripper:
     @property
     def yaw(self) -> float:
         """The tool's yaw in the world (radians)."""
-        quat = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)[1]
-        return p.getEulerFromQuaternion(quat)[2]
+        return _planar(self._client, self.id).yaw
 
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
-        """Reach above ``pose``, go down until the tip touches, suck, lift. True if something is held."""
+        """Reach above ``pose``, go down until the tip touches, grasp, lift. True if something is held."""
         self._travel(pose)
         touched = self._descend(lambda: self._touching(self.id, without=set()))
         for body in touched & movable:
-            self._attach(body)
-            break
+            if not self.jaw or self._closes_across(body):
+                self._attach(body)
+                break
         self._rise()
         return self.held is not None
 
@@ -86,6 +97,13 @@ class SuctionGripper:
         """Let go of everything and leave the cameras' sight."""
         self._release()
         self._move(np.array(PARKED), 0.0)
+
+    def _closes_across(self, body: int) -> bool:
+        """Whether a jaw where the tool is would hold a bar: a box that is longest along its own x."""
+        length = p.getCollisionShapeData(body, -1, physicsClientId=self._client)[0][3][0]
+        bar, tool = (_planar(self._client, one) for one in (body, self.id))
+        off = bar.inverse() @ tool
+        return abs(wrap(2 * off.yaw) / 2) <= JAW_ANGLE and abs(off.x) <= JAW_REACH * length
 
     def _attach(self, body: int) -> None:
         tip = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
@@ -149,5 +167,10 @@ class SuctionGripper:
         p.stepSimulation(physicsClientId=self._client)
         self._clock += 1
         if self._clock % LOG_EVERY == 0:
-            x, y, _ = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)[0]
-            self.trace.append(GripperState(x, y, self.yaw, self.held is not None))
+            pose = _planar(self._client, self.id)
+            self.trace.append(GripperState(pose.x, pose.y, pose.yaw, self.held is not None))
+
+
+def _planar(client: int, body: int) -> Pose2:
+    (x, y, _), turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
+    return Pose2(x, y, p.getEulerFromQuaternion(turn)[2])

@@ -177,11 +177,15 @@ def triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
     }
 
 
-def _visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
+def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
+    """PyBullet's visual shape of a mesh, moved down by ``lower`` metres."""
     return p.createVisualShape(p.GEOM_MESH, **triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
 
 
-def _create(client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool) -> Body:
+def create_body(
+    client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool, friction: float = 1.0
+) -> Body:
+    """Put PyBullet's shapes on the table as one body, its origin at height ``z`` (metres)."""
     body = p.createMultiBody(
         baseMass=mass if movable else 0.0,
         baseCollisionShapeIndex=collision,
@@ -190,7 +194,7 @@ def _create(client: int, collision: int, visual: int, pose: Pose2, z: float, mas
         baseOrientation=quaternion(pose.yaw),
         physicsClientId=client,
     )
-    p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
+    p.changeDynamics(body, -1, lateralFriction=friction, rollingFriction=1e-4, physicsClientId=client)
     return Body(body, z, movable)
 
 
@@ -202,7 +206,7 @@ def add_box(
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
-    return _create(client, collision, visual, pose, half[2], mass, movable)
+    return create_body(client, collision, visual, pose, half[2], mass, movable)
 
 
 def add_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
@@ -218,7 +222,7 @@ def add_mesh(
     lower = mesh.extents[2] / 2
     hull = mesh.convex_hull.vertices - [0, 0, lower]
     collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
-    return _create(client, collision, _visual(client, mesh, color, lower), pose, lower, mass, movable)
+    return create_body(client, collision, create_visual(client, mesh, color, lower), pose, lower, mass, movable)
 
 
 def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
@@ -228,7 +232,7 @@ def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     collision = p.createCollisionShapeArray(
         [p.GEOM_BOX] * 2, halfExtents=half, collisionFramePositions=centres, physicsClientId=client
     )
-    return _create(client, collision, _visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
+    return create_body(client, collision, create_visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
 
 
 def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) -> Body:
@@ -255,5 +259,5 @@ def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) 
         collisionFrameOrientations=turns,
         physicsClientId=client,
     )
-    visual = _visual(client, bowl_mesh(), color, BOWL_HEIGHT / 2)
-    return _create(client, collision, visual, pose, BOWL_HEIGHT / 2, 0.1, movable)
+    visual = create_visual(client, bowl_mesh(), color, BOWL_HEIGHT / 2)
+    return create_body(client, collision, visual, pose, BOWL_HEIGHT / 2, 0.1, movable)

@@ -13,7 +13,7 @@ import pybullet as p
 from gem_lite import colors
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.tabletop.cameras import CAMERAS, View, render
-from gem_lite.tabletop.gripper import GripperState, SuctionGripper
+from gem_lite.tabletop.gripper import Gripper, GripperState
 from gem_lite.tabletop.shapes import Body
 
 if TYPE_CHECKING:
@@ -90,12 +90,12 @@ class World:
         p.setTimeStep(1 / RATE, physicsClientId=self.client)
         self.bodies = []
         self._add_table()
-        self.gripper = SuctionGripper(self.client)
+        self.gripper = Gripper(self.client)
 
     def reset(self, task: Task, seed: int) -> Observation:
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self.clear()
-        self._task, self.steps_taken = task, 0
+        self._task, self.steps_taken, self.gripper.jaw = task, 0, task.jaw
         task.reset(self, np.random.default_rng(seed))
         self.settle()
         return self.observe()
@@ -142,7 +142,7 @@ class World:
         return Observation(tuple(render(self.client, camera)[0] for camera in CAMERAS))
 
     def step(self, action: Action, watch: Callable[[str], None] | None = None) -> Step:
-        """Pick, place, let the scene settle, score it.
+        """Pick, place, let the scene settle, score it; then the task may go on to its next instruction.
 
         Args:
             action: poses in the workspace; one outside, or a yaw that is not finite, raises ValueError.
@@ -166,5 +166,6 @@ class World:
             watch("placed")
         self.steps_taken += 1
         score = self.task.score(self)
+        self.task.advance(self)
         done = score > 0.99 or self.steps_taken >= self.task.max_steps
         return Step(self.observe(), score - before, done, grasped, tuple(self.gripper.trace))

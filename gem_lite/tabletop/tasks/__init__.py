@@ -3,53 +3,36 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from collections.abc import Callable
+from typing import Literal
 
-import numpy as np
-
-from gem_lite.se2 import Action
+from gem_lite.tabletop.tasks.bars_in_box import BarsInBox
+from gem_lite.tabletop.tasks.block_insertion import BlockInsertion
+from gem_lite.tabletop.tasks.packing_shapes import PackingShapes
 from gem_lite.tabletop.tasks.put_block_in_bowl import PutBlockInBowl
+from gem_lite.tabletop.tasks.stack_block_pyramid import StackBlockPyramid
+from gem_lite.tabletop.tasks.task import ExpertAction, Task
 
-if TYPE_CHECKING:
-    from gem_lite.tabletop.world import World
+__all__ = ["NAMES", "SEED_START", "ExpertAction", "Split", "Task", "episode_seed", "make"]
 
 Split = Literal["train", "val", "test"]
 
 SEED_START: dict[str, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
 """Episode i of a split has the seed SEED_START[split] + i: the ranges never meet below a million episodes."""
 
-NAMES = ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors")
+_MAKERS: dict[str, Callable[[bool], Task]] = {
+    "put-block-in-bowl-seen-colors": PutBlockInBowl,
+    "put-block-in-bowl-unseen-colors": PutBlockInBowl,
+    "stack-block-pyramid-seq-seen-colors": StackBlockPyramid,
+    "stack-block-pyramid-seq-unseen-colors": StackBlockPyramid,
+    "packing-shapes-seen": PackingShapes,
+    "packing-shapes-unseen": PackingShapes,
+    "block-insertion": BlockInsertion,
+    "bars-in-box": BarsInBox,
+}
+"""What makes a task; its argument tells whether words come from the unseen sets."""
 
-
-class Task(Protocol):
-    """What `World` asks of a task."""
-
-    instruction: str
-    max_steps: int
-
-    def reset(self, world: World, rng: np.random.Generator) -> None:
-        """Lay out the scene and set the instruction."""
-
-    def score(self, world: World) -> float:
-        """The share of the job that is done, in [0, 1]."""
-
-    def expert(self, world: World) -> ExpertAction | None:
-        """The next action from ground truth, or None if nothing is left to do."""
-
-
-@dataclass(frozen=True)
-class ExpertAction:
-    """An expert's action and its yaw symmetries.
-
-    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing:
-    pi/2 for the yaw of a cube's grasp, 0 where every yaw is as good, 2 pi where one yaw is right.
-    ``place_symmetry`` is that of the relative angle.
-    """
-
-    action: Action
-    pick_symmetry: float
-    place_symmetry: float
+NAMES = tuple(_MAKERS)
 
 
 def episode_seed(split: Split, index: int) -> int:
@@ -62,7 +45,10 @@ def episode_seed(split: Split, index: int) -> int:
 
 
 def make(name: str, split: Split = "train") -> Task:
-    """The task of that name, with the colours of ``split``.
+    """The task of that name, with the colours and shapes of ``split``.
+
+    An "unseen" task takes them from the unseen sets in validation and test; in training, and in every other
+    task, they are the seen ones.
 
     Raises:
         ValueError: unknown name (the message has the nearest ones) or split.
@@ -73,4 +59,4 @@ def make(name: str, split: Split = "train") -> Task:
         near = difflib.get_close_matches(name, NAMES, n=3, cutoff=0.3) or NAMES
         raise ValueError(f"no task is named {name!r}; the nearest names: {', '.join(near)}")
     unseen = "unseen" in name and split != "train"
-    return PutBlockInBowl(unseen_colors=unseen)
+    return _MAKERS[name](unseen)

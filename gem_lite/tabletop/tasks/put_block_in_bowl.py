@@ -11,9 +11,9 @@ from gem_lite import colors
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop import shapes
 from gem_lite.tabletop.tasks.spawn import FreeSpace
+from gem_lite.tabletop.tasks.task import ExpertAction, Task
 
 if TYPE_CHECKING:
-    from gem_lite.tabletop.tasks import ExpertAction
     from gem_lite.tabletop.world import World
 
 TOLERANCE = 0.05
@@ -22,7 +22,7 @@ DISTRACTORS = 6
 BLOCK_RADIUS = shapes.BLOCK_SIZE / math.sqrt(2)
 
 
-class PutBlockInBowl:
+class PutBlockInBowl(Task):
     """1-3 fixed bowls of one colour, at most as many blocks of another, six movable distractors.
 
     The distractors (block or bowl by a coin's toss) take the remaining colours of the full list in
@@ -30,13 +30,8 @@ class PutBlockInBowl:
     """
 
     def __init__(self, unseen_colors: bool) -> None:
+        super().__init__()
         self._palette = colors.UNSEEN if unseen_colors else colors.SEEN
-        self.instruction = ""
-        self.max_steps = 0
-        self.named_colors: tuple[str, str] = ("", "")
-        """The colours of the blocks and of the bowl that the instruction names."""
-        self.names: dict[int, str] = {}
-        """What each body is, such as "red block", by its id: for scoring maps alone, no policy sees it."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """Lay out the scene. Raises RuntimeError if a named object finds no place (never seen)."""
@@ -88,8 +83,6 @@ class PutBlockInBowl:
         The grasp is fixed to the block: its centre, with its yaw. A cube looks the same after a
         quarter turn; in a round bowl every relative angle is as good as any, and the tool keeps its yaw.
         """
-        from gem_lite.tabletop.tasks import ExpertAction
-
         distances = self._distances(world)
         outside = np.flatnonzero(distances.min(axis=1) >= TOLERANCE)
         if len(outside) == 0:

@@ -26,3 +26,10 @@ class FreeSpace:
                 self._taken.append((x, y, radius))
                 return Pose2(x, y, self._rng.uniform(-np.pi, np.pi))
         return None
+
+    def take(self, radius: float) -> Pose2:
+        """Like `sample`, for a body that the scene needs. Raises RuntimeError if there is no free place."""
+        pose = self.sample(radius)
+        if pose is None:
+            raise RuntimeError(f"the table has no free place for a body of radius {radius} m")
+        return pose

@@ -1,0 +1,63 @@
+"""What every task offers to the world, and what an expert's action is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gem_lite.se2 import Action
+
+if TYPE_CHECKING:
+    from gem_lite.tabletop.world import World
+
+
+@dataclass(frozen=True)
+class ExpertAction:
+    """An expert's action and its yaw symmetries.
+
+    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing:
+    pi/2 for the yaw of a cube's grasp, 0 where every yaw is as good, 2 pi where one yaw is right.
+    ``place_symmetry`` is that of the relative angle.
+    """
+
+    action: Action
+    pick_symmetry: float
+    place_symmetry: float
+
+
+class Task(ABC):
+    """One family's scene, sentence, score and expert.
+
+    Attributes:
+        instruction: what to do now; policies see it, and nothing else of a task.
+        max_steps: actions after which an episode ends.
+        jaw: whether the tool has a parallel jaw instead of suction, see `gripper`.
+        named_colors: the palette's colours that the instruction names.
+        names: what each body is, such as "red block", by its id: for scoring maps alone, no policy sees it.
+    """
+
+    jaw: bool = False
+
+    def __init__(self) -> None:
+        self.instruction = ""
+        self.max_steps = 0
+        self.named_colors: tuple[str, ...] = ()
+        self.names: dict[int, str] = {}
+
+    @abstractmethod
+    def reset(self, world: World, rng: np.random.Generator) -> None:
+        """Lay out the scene and set the instruction. Raises RuntimeError if a body finds no place (never seen)."""
+
+    @abstractmethod
+    def score(self, world: World) -> float:
+        """The share of the job that is done, in [0, 1]."""
+
+    @abstractmethod
+    def expert(self, world: World) -> ExpertAction | None:
+        """The next action from ground truth, or None if nothing is left to do."""
+
+    def advance(self, world: World) -> None:  # noqa: B027
+        """Called after every step: where a task has several instructions, go on to the next one that is open."""

@@ -1,0 +1,388 @@
+"""The task families beside put-block-in-bowl, which test_world.py covers: layouts, sentences, scores, experts."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pybullet as p
+import pytest
+from shapely import affinity
+from shapely.geometry import Point
+
+from gem_lite import colors, demonstrations, language
+from gem_lite.se2 import Action, Pose2, Workspace
+from gem_lite.tabletop import shapes, tasks, trays
+from gem_lite.tabletop.cameras import bodies_from_above
+from gem_lite.tabletop.tasks import bars_in_box, packing_shapes, stack_block_pyramid
+from gem_lite.tabletop.world import World
+
+PYRAMID = "stack-block-pyramid-seq-seen-colors"
+PYRAMID_UNSEEN = "stack-block-pyramid-seq-unseen-colors"
+INSERTION, BARS = "block-insertion", "bars-in-box"
+PACKING, PACKING_UNSEEN = "packing-shapes-seen", "packing-shapes-unseen"
+FAMILIES = [PYRAMID, PYRAMID_UNSEEN, PACKING, PACKING_UNSEEN, INSERTION, BARS]
+
+
+@pytest.fixture
+def blind(world, monkeypatch):
+    """The shared world without cameras: these tests read the simulator's truth, and pictures take most of the time."""
+    monkeypatch.setattr(World, "observe", lambda self: None)
+    return world
+
+
+def lay_out(world, name, index=0, split="val"):
+    task = tasks.make(name, split)
+    world.reset(task, tasks.episode_seed(split, index))
+    return task
+
+
+def teleport(world, body, pose, z):
+    p.resetBasePositionAndOrientation(
+        body.id, (pose.x, pose.y, z), p.getQuaternionFromEuler((0, 0, pose.yaw)), physicsClientId=world.client
+    )
+
+
+def gap(world, a, b):
+    """The distance (m) between two bodies, at most 50 mm."""
+    return min((c[8] for c in p.getClosestPoints(a.id, b.id, 0.05, physicsClientId=world.client)), default=0.05)
+
+
+# All families --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_layouts_keep_bodies_apart_and_in_the_workspace(blind, name):
+    around = Workspace(x_min=0.2, x_max=0.8, y_min=-0.55, y_max=0.55)
+    rows, cols = np.indices(around.shape)
+    x, y = around.to_world(rows, cols)
+    w = blind.workspace
+    outside = (x < w.x_min) | (x > w.x_max) | (y < w.y_min) | (y > w.y_max)
+    for index in range(5):
+        task = tasks.make(name, "val")
+        blind.clear()
+        task.reset(blind, np.random.default_rng(tasks.episode_seed("val", index)))
+        above = bodies_from_above(blind.client, around)
+        ids = [body.id for body in blind.bodies]
+        assert set(ids) <= set(above[~outside].tolist()) and not set(ids) & set(above[outside].tolist())
+        movable = [body for body in blind.bodies if body.movable]
+        assert movable and all(gap(blind, a, b) > 0.01 for a in movable for b in blind.bodies if a is not b)
+        before = [blind.pose(body)[0] for body in blind.bodies]
+        assert blind.settle()
+        for body, pose in zip(blind.bodies, before, strict=True):
+            assert math.hypot(blind.pose(body)[0].x - pose.x, blind.pose(body)[0].y - pose.y) < 0.001
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_body_has_a_name_and_one_seed_is_one_layout(blind, name):
+    def described(index):
+        task = lay_out(blind, name, index)
+        assert set(task.names) == {body.id for body in blind.bodies}
+        return task.instruction, list(task.names.values()), [blind.pose(body) for body in blind.bodies]
+
+    assert described(5) == described(5)
+    assert described(5)[2] != described(6)[2]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_expert_goes_from_0_to_1_and_then_stops(blind, name):
+    for index in range(2):
+        task = lay_out(blind, name, index)
+        assert task.score(blind) == 0.0
+        steps = []
+        while not (steps and steps[-1].done):
+            steps.append(blind.step(task.expert(blind).action))
+        assert task.score(blind) == 1.0
+        assert len(steps) == (6 if "pyramid" in name else 1)
+        assert [step.reward for step in steps] == pytest.approx([1 / len(steps)] * len(steps))
+        assert task.expert(blind) is None
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_doing_nothing_earns_nothing(blind, name):
+    task = lay_out(blind, name)
+    instruction = task.instruction
+    pick = task.expert(blind).action.pick
+    step = blind.step(Action(pick, pick))
+    assert step.grasped and step.reward == 0.0
+    assert task.instruction == instruction
+    assert step.done == (task.max_steps == 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "split", "palette"),
+    [
+        (PYRAMID, "test", colors.SEEN),
+        (PYRAMID_UNSEEN, "train", colors.SEEN),
+        (PYRAMID_UNSEEN, "val", colors.UNSEEN),
+        (INSERTION, "test", colors.SEEN),
+        (BARS, "test", [name for name in colors.SEEN if name != "brown"]),
+    ],
+)
+def test_named_colours_come_from_the_palette(blind, name, split, palette):
+    named = [lay_out(blind, name, index, split).named_colors for index in range(30)]
+    assert {color for group in named for color in group} == set(palette)
+    assert all(len(set(group)) == len(group) for group in named)
+
+
+# stack-block-pyramid-seq ---------------------------------------------------------------------------------
+
+
+def test_the_six_sentences_of_a_pyramid(blind):
+    task = lay_out(blind, PYRAMID)
+    a, b, c, d, e, f = task.named_colors
+    heard = []
+    for _ in range(6):
+        heard.append(language.parse(task.instruction))
+        blind.step(task.expert(blind).action)
+    places = [
+        *stack_block_pyramid.PLATES, f"{a} and {b} blocks", f"{b} and {c} blocks", f"{d} and {e} blocks"
+    ]  # fmt: skip
+    assert [phrases.pick for phrases in heard] == [f"{color} block" for color in (a, b, c, d, e, f)]
+    assert [phrases.place for phrases in heard] == places
+
+
+def test_a_pyramid_has_three_layers(blind):
+    task = lay_out(blind, PYRAMID)
+    for _ in range(6):
+        blind.step(task.expert(blind).action)
+    heights = sorted(blind.pose(body)[1] for body in blind.bodies if body.movable)
+    assert heights == pytest.approx([0.025] * 3 + [0.065] * 2 + [0.105], abs=0.002)
+
+
+def test_the_plates_lie_from_light_to_dark_along_the_base(blind):
+    task = lay_out(blind, PYRAMID)
+    light, middle, dark = (blind.pose(body)[0] for body in blind.bodies if not body.movable)
+    assert [task.names[body.id] for body in blind.bodies[:3]] == list(stack_block_pyramid.PLATES)
+    assert (light.inverse() @ middle).y == pytest.approx(0.05)
+    assert (light.inverse() @ dark).y == pytest.approx(0.1)
+    brightness = [sum(rgba) for rgba in stack_block_pyramid.PLATES.values()]
+    assert brightness == sorted(brightness, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("dx", "dz", "degrees", "placed"),
+    [
+        (0, 0, 0, True),
+        (0.008, 0, 0, True),
+        (0.012, 0, 0, False),
+        (0, 0.04, 0, False),
+        (0, 0, 90, True),
+        (0, 0, -12, True),
+        (0, 0, 18, False),
+        (0, 0, 45, False),
+    ],
+)
+def test_a_block_is_placed_in_position_height_and_yaw(blind, dx, dz, degrees, placed):
+    task = lay_out(blind, PYRAMID)
+    block = next(body for body in blind.bodies if body.movable)
+    spot = blind.pose(blind.bodies[0])[0] @ Pose2(dx, 0, math.radians(degrees))
+    teleport(blind, block, spot, 0.025 + dz)
+    assert task.score(blind) == pytest.approx(1 / 6 if placed else 0)
+
+
+def test_a_pyramid_counts_a_done_sentence_for_good_and_repeats_an_open_one(blind):
+    task = lay_out(blind, PYRAMID)
+    first, home = next(body for body in blind.bodies if body.movable), Pose2(0.5, 0.0)
+    blind.step(task.expert(blind).action)
+    second = task.instruction
+    teleport(blind, first, home, 0.02)
+    assert task.score(blind) == pytest.approx(1 / 6)
+    expert = task.expert(blind).action
+    wrong = Pose2(expert.place.x, expert.place.y, expert.place.yaw + math.radians(45))
+    step = blind.step(Action(expert.pick, wrong))
+    assert (step.reward, step.done, task.instruction) == (0.0, False, second)
+    step = blind.step(task.expert(blind).action)  # a second try
+    assert step.reward == pytest.approx(1 / 6) and task.instruction != second
+
+
+def test_a_demonstration_keeps_the_sentence_that_each_step_obeyed(world):
+    demonstration = demonstrations.roll_out(world, PYRAMID, "train", 0)
+    task = tasks.make(PYRAMID, "train")
+    world.reset(task, tasks.episode_seed("train", 0))
+    picks = [step.phrases.pick for step in demonstration.steps]
+    assert picks == [f"{color} block" for color in task.named_colors]
+    assert len({step.instruction for step in demonstration.steps}) == 6
+
+
+# packing-shapes ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "split", "names", "palette"),
+    [
+        (PACKING, "val", shapes.SEEN_SHAPES, colors.SEEN),
+        (PACKING_UNSEEN, "train", shapes.SEEN_SHAPES, colors.SEEN),
+        (PACKING_UNSEEN, "test", shapes.UNSEEN_SHAPES, colors.UNSEEN),
+    ],
+)
+def test_shapes_and_colours_of_the_splits(blind, name, split, names, palette):
+    seen, asked = set(), set()
+    for index in range(25):
+        task = lay_out(blind, name, index, split)
+        pieces = [what.split(" ", 1) for what in task.names.values() if what != "brown box"]
+        assert len({color for color, _ in pieces}) == len({shape for _, shape in pieces}) == packing_shapes.PIECES
+        phrases = language.parse(task.instruction)
+        assert phrases.place == "brown box"
+        assert phrases.pick in [shape.lower() for _, shape in pieces]
+        seen |= {(color, shape) for color, shape in pieces}
+        asked.add(phrases.pick)
+    assert {color for color, _ in seen} == set(palette)
+    assert {shape for _, shape in seen} == set(names)
+    assert len(asked) > 4
+    assert not set(shapes.SEEN_SHAPES) & set(shapes.UNSEEN_SHAPES)
+
+
+def test_another_piece_in_the_box_earns_nothing(blind):
+    task = lay_out(blind, PACKING)
+    asked, box = task.expert(blind).action.pick, task.expert(blind).action.place
+    others = [blind.pose(body)[0] for body in blind.bodies if body.movable]
+    other = max(others, key=lambda pose: math.hypot(pose.x - asked.x, pose.y - asked.y))
+    step = blind.step(Action(other, box))
+    assert step.grasped and step.reward == 0.0
+
+
+def test_in_a_container_is_between_its_walls_and_below_the_rim(blind, stage):
+    size, centre = (0.12, 0.1), Pose2(0.5, 0.0, 0.7)
+    (box, block), _ = stage(
+        partial(trays.add_container, size=size, color=colors.rgba("brown"), pose=centre),
+        partial(shapes.add_block, color=colors.rgba("red"), pose=Pose2(0.4, 0.3)),
+    )
+    inside = partial(trays.in_container, blind, box, size, block)
+    assert not inside()
+    for offset, z, expected in [
+        (Pose2(0, 0), 0.022, True),
+        (Pose2(0.055, 0.045), 0.022, True),
+        (Pose2(0.065, 0), 0.022, False),
+        (Pose2(0, 0.055), 0.022, False),
+        (Pose2(0, 0), 0.07, False),
+    ]:
+        teleport(blind, block, centre @ offset, z)
+        assert inside() == expected
+    # Its walls are real: a block dropped in comes to rest on its floor.
+    teleport(blind, block, centre, 0.1)
+    blind.settle()
+    assert blind.pose(block)[1] == pytest.approx(trays.WALL + 0.02, abs=0.001)
+
+
+@pytest.mark.parametrize("shape", shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES)
+def test_a_pieces_symmetry_and_grasp_point(shape):
+    outline = shapes.outline(shape)
+
+    def misfit(turn):
+        return outline.symmetric_difference(affinity.rotate(outline, turn, origin=(0, 0))).area / outline.area
+
+    assert outline.buffer(-0.0039).contains(Point(packing_shapes.grasp_point(shape)))
+    assert math.hypot(*packing_shapes.grasp_point(shape)) < 0.02
+    if shape in packing_shapes.ROUND:
+        assert max(misfit(turn) for turn in (11, 45, 100)) < 0.03
+        return
+    copies = packing_shapes.TURNS.get(shape, 1)
+    assert misfit(360 / copies) < 0.01
+    assert all(misfit(360 / more) > 0.03 for more in range(copies + 1, 9))
+
+
+# block-insertion -----------------------------------------------------------------------------------------
+
+
+def test_insertion_names_two_bodies(blind):
+    task = lay_out(blind, INSERTION)
+    block, fixture = task.named_colors
+    assert language.parse(task.instruction) == language.Phrases(f"{block} l-block", f"{fixture} box")
+    assert block != fixture and len(blind.bodies) == 2
+    assert task.expert(blind).place_symmetry == pytest.approx(2 * math.pi)
+
+
+def test_a_fixture_leaves_its_clearance_all_round(blind, stage):
+    pose = Pose2(0.5, 0.1, 2.0)
+    (fixture, block), _ = stage(
+        partial(trays.add_l_fixture, color=colors.rgba("blue"), pose=pose),
+        partial(shapes.add_l_block, color=colors.rgba("red"), pose=Pose2(0.4, -0.2)),
+    )
+    c, seated = trays.FIXTURE_CLEARANCE, trays.WALL + block.rest_height
+    for direction in range(8):  # the walls on all sides are equally far
+        angle = direction * math.pi / 4
+        reach = c / max(abs(math.cos(angle)), abs(math.sin(angle)))
+        for share, free in [(0.9, True), (1.1, False)]:
+            offset = Pose2(share * reach * math.cos(angle), share * reach * math.sin(angle))
+            teleport(blind, block, pose @ offset, seated + 0.001)
+            assert (gap(blind, fixture, block) > 0) == free
+
+
+def insert(world, index, shift=Pose2(0, 0)):
+    """The reward of the expert's action with its place moved by ``shift`` in the fixture's frame."""
+    task = lay_out(world, INSERTION, index)
+    expert = task.expert(world).action
+    return world.step(Action(expert.pick, expert.place @ shift)).reward
+
+
+@pytest.mark.parametrize("degrees", [-90, -20, 20, 30, 90, 180])
+def test_a_wrong_yaw_does_not_go_in(blind, degrees):
+    assert [insert(blind, index, Pose2(0, 0, math.radians(degrees))) for index in range(4)] == [0.0] * 4
+
+
+def test_a_shifted_l_does_not_go_in_and_a_nearly_right_one_does(blind):
+    assert [insert(blind, index, Pose2(0.014, 0)) for index in range(4)] == [0.0] * 4
+    assert [insert(blind, index, Pose2(0.003, 0, math.radians(4))) for index in range(4)] == [1.0] * 4
+
+
+def test_an_l_above_the_fixture_is_not_in_it(blind):
+    task = lay_out(blind, INSERTION)
+    fixture, block = blind.bodies
+    pose = blind.pose(fixture)[0]
+    for z, expected in [(0.022, 1.0), (0.04, 0.0)]:
+        teleport(blind, block, pose, z)
+        assert task.score(blind) == expected
+
+
+# bars-in-box ---------------------------------------------------------------------------------------------
+
+
+def test_a_bar_is_named_among_others(blind):
+    task = lay_out(blind, BARS)
+    (color,) = task.named_colors
+    assert language.parse(task.instruction) == language.Phrases(f"{color} bar", "brown box")
+    assert sorted(task.names.values()).count(f"{color} bar") == 1
+    assert sum(name.endswith("bar") for name in task.names.values()) == bars_in_box.BARS
+    assert task.expert(blind).pick_symmetry == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "along", "holds"),
+    [
+        (0, 0.0, True),
+        (180, 0.0, True),
+        (15, 0.0, True),
+        (-15, 0.0, True),
+        (165, 0.0, True),
+        (0, 0.012, True),
+        (0, -0.012, True),
+        (25, 0.0, False),
+        (-25, 0.0, False),
+        (90, 0.0, False),
+        (-90, 0.0, False),
+        (0, 0.025, False),
+        (0, -0.025, False),
+    ],
+)
+def test_a_jaw_holds_a_bar_only_across_and_near_its_middle(blind, degrees, along, holds):
+    task = lay_out(blind, BARS)
+    expert = task.expert(blind).action
+    step = blind.step(Action(expert.pick @ Pose2(along, 0, math.radians(degrees)), expert.place))
+    assert step.grasped == holds
+    assert step.reward == float(holds)
+
+
+def test_any_turn_of_the_bar_fits_the_box(blind):
+    for index, degrees in enumerate([45, 90, 135]):
+        task = lay_out(blind, BARS, index)
+        expert = task.expert(blind).action
+        assert blind.step(Action(expert.pick, expert.place @ Pose2(0, 0, math.radians(degrees)))).reward == 1.0
+
+
+def test_suction_holds_a_bar_at_any_yaw(blind, stage):
+    lay_out(blind, BARS)
+    assert blind.gripper.jaw
+    pose = Pose2(0.5, 0.0, 0.3)
+    stage(partial(shapes.add_box, size=bars_in_box.BAR_SIZE, color=colors.rgba("red"), pose=pose))
+    assert not blind.gripper.jaw
+    assert blind.step(Action(pose @ Pose2(0, 0, math.pi / 2), Pose2(0.5, 0.2))).grasped
