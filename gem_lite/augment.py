@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import torch
 
+from gem_lite.policy import Sample
 from gem_lite.se2 import ImageMotion
 
 TRIES = 100
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One demonstrated step in the form that training reads.
-
-    Attributes:
-        image: (6, H, W): RGB-D, then the pick and the place semantic map.
-        pick, place: pixels (row, col), not rounded.
-        pick_yaw: the grasp's yaw (radians); ``delta``: place minus pick yaw.
-        pick_symmetry, place_symmetry: turns that change nothing, see `tasks.ExpertAction`.
-        pick_words, place_words: (D,) text embeddings.
-    """
-
-    image: torch.Tensor
-    pick: tuple[float, float]
-    place: tuple[float, float]
-    pick_yaw: float
-    delta: float
-    pick_symmetry: float
-    place_symmetry: float
-    pick_words: torch.Tensor
-    place_words: torch.Tensor
 
 
 def random_motion(rng: np.random.Generator, shape: tuple[int, int], keep: list[tuple[float, float]]) -> ImageMotion:
@@ -52,9 +29,12 @@ def random_motion(rng: np.random.Generator, shape: tuple[int, int], keep: list[t
 def apply(motion: ImageMotion, sample: Sample) -> Sample:
     """Move a whole sample: the pick's yaw turns along, the relative place angle does not."""
     shape = sample.image.shape[-2:]
+    scale = [few / many for few, many in zip(sample.coarse.shape[-2:], shape, strict=True)]
+    coarse = ImageMotion(motion.angle, (motion.shift[0] * scale[0], motion.shift[1] * scale[1]))
     return replace(
         sample,
         image=motion.warp(sample.image[None])[0],
+        coarse=coarse.warp(sample.coarse[None])[0],
         pick=motion.move(sample.pick, shape),
         place=motion.move(sample.place, shape),
         pick_yaw=sample.pick_yaw + motion.angle,

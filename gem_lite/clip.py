@@ -116,10 +116,37 @@ class Clip:
         ]
         return torch.cat(features)
 
-    def _pixels(self, images: torch.Tensor) -> torch.Tensor:
+    @torch.inference_mode()
+    def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """Embed every place of a picture in one forward pass: the last features before they are pooled.
+
+        Coarser than patches that are embedded one by one, and each place has seen its surroundings. The
+        picture is enlarged so that ``patch`` pixels become as wide as the pictures that the model knows.
+
+        Args:
+            image: (H, W, 3) uint8.
+
+        Returns:
+            (dim, h, w) float32, unit length at every place, on the CPU; cell (i, j) is centred in its
+            share of the picture.
+        """
+        size = [round(length * self._size / patch) for length in image.shape[:2]]
+        pixels = self._pixels(torch.from_numpy(np.ascontiguousarray(image))[None], size)
+        if isinstance(self._model, ResNetClip):
+            features = self._model.feature_map(pixels)
+        else:
+            tower = self._model.vision_model
+            tokens = tower(pixel_values=pixels, interpolate_pos_encoding=True).last_hidden_state[:, 1:]
+            side = self._model.config.vision_config.patch_size
+            features = tower.post_layernorm(tokens).unflatten(1, [length // side for length in size])
+        features = self._model.visual_projection(features)[0]  # (h, w, dim)
+        return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+
+    def _pixels(self, images: torch.Tensor, size: Sequence[int] | None = None) -> torch.Tensor:
+        size = size or (self._size, self._size)
         pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W), channels last
-        if pixels.shape[-2:] != (self._size, self._size):
-            pixels = F.interpolate(pixels, (self._size, self._size), mode="bicubic", antialias=True).clamp(0, 255)
+        if pixels.shape[-2:] != tuple(size):
+            pixels = F.interpolate(pixels, tuple(size), mode="bicubic", antialias=True).clamp(0, 255)
         return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels))
 
 

@@ -2,9 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Literal, NamedTuple, get_args
 
 from gem_lite.se2 import Workspace
+
+SemanticMap = Literal["multi-view", "single-view", "none"]
+Kernels = Literal["steerable", "unrotated", "free"]
+
+
+class Ablation(NamedTuple):
+    """What one ablation of Table A2 changes in a configuration, and what that means."""
+
+    meaning: str
+    changes: dict
+
+
+ABLATIONS = {
+    "without-semantic-map": Ablation("the map is 1 everywhere", {"semantic_map": "none"}),
+    "with-single-view": Ablation("the text map comes from the height map's patches", {"semantic_map": "single-view"}),
+    "without-steerable-kernel": Ablation("one unrotated kernel for all angles", {"kernels": "unrotated"}),
+    "with-free-kernels": Ablation("a kernel of its own for each angle, not tied by rotation", {"kernels": "free"}),
+    "without-image-map": Ablation("no image-conditioned map", {"image_weight": 0.0}),
+    "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
+    "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
+}
+"""Endings of a method's name (A.2). Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +49,8 @@ class Config:
         kernel_widths: channels of the language kernel generator's three levels.
         fields: regular fields of the place kernel generator's layers.
         channels: channels that features and kernels share.
+        query: side of the baselines' crop at the pick (pixels, one less than a multiple of 16): 0.2 m as CLIPort's.
+        semantic_map, kernels, parsing, language_in_attention: what `ABLATIONS` switch.
         steps, batch, learning_rate: training.
     """
 
@@ -47,9 +72,33 @@ class Config:
     kernel_widths: tuple[int, ...] = (32, 48, 64)
     fields: int = 6
     channels: int = 3
+    query: int = 31
+    semantic_map: SemanticMap = "multi-view"
+    kernels: Kernels = "steerable"
+    parsing: bool = True
+    language_in_attention: bool = True
     steps: int = 1500
     batch: int = 2
     learning_rate: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for value, allowed in ((self.semantic_map, SemanticMap), (self.kernels, Kernels)):
+            if value not in get_args(allowed):
+                raise ValueError(f"the configuration must have one of {', '.join(get_args(allowed))}, got {value!r}")
+
+    @property
+    def variant(self) -> str:
+        """The ending of a method's name: "" or what is switched off, such as "-without-parsing"."""
+        found = [
+            ending
+            for ending, ablation in ABLATIONS.items()
+            if all(getattr(self, key) == value for key, value in ablation.changes.items())
+        ]
+        return "".join(f"-{ending}" for ending in found)
+
+    def ablated(self, ending: str) -> Config:
+        """The same with what one of `ABLATIONS` changes."""
+        return replace(self, **ABLATIONS[ending].changes)
 
     @property
     def workspace(self) -> Workspace:
@@ -78,8 +127,9 @@ PAPER = Config(
     kernel=33,
     crop=33,
     widths=(32, 64, 128, 256),
-    kernel_widths=(64, 128, 256),
+    kernel_widths=(32, 64, 128),
     fields=16,
+    query=63,
     steps=30_000,
     batch=1,
     learning_rate=1e-4,

@@ -180,11 +180,23 @@ def _decode(content: bytes) -> Demonstration:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write to a temporary name, then rename: an interrupted run leaves the old file whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(content)
-    os.replace(partial, path)
+    """Write to a temporary name, then rename: an interrupted run or a full disk leaves the old file whole."""
+    write_together({path: content})
+
+
+def write_together(contents: dict[Path, bytes]) -> None:
+    """`write_whole` for files that belong together: no old one is replaced before every new one is on the disk."""
+    partial = {path: path.with_name(path.name + ".part") for path in contents}
+    try:
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial[path].write_bytes(content)
+    except OSError:
+        for left in partial.values():
+            left.unlink(missing_ok=True)
+        raise
+    for path, whole in partial.items():
+        os.replace(whole, path)
 
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:

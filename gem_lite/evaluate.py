@@ -15,9 +15,10 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import clip, colors, config
+from gem_lite import clip, colors, config, methods
 from gem_lite.config import Config
 from gem_lite.demonstrations import write_whole
+from gem_lite.policy import PickPlacePolicy
 from gem_lite.se2 import Action, Pose2, angle_bins
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.world import Observation, World
@@ -91,13 +92,17 @@ def random_actor(settings: Config, seed: int) -> Actor:
     return lambda world, observation: Action(pose(), pose())
 
 
-def policy_actor(policy) -> Actor:
+def policy_actor(policy: PickPlacePolicy) -> Actor:
     """A policy as an actor: it gets the camera views and the sentence, nothing else."""
     return lambda world, observation: policy.act(observation, world.task.instruction)
 
 
+SCRIPTED = ("expert", "expert-rounded", "random")
+"""Methods that need no checkpoint."""
+
+
 def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name: str | None, seed: int) -> Actor:
-    """The actor of a method's name: ``gem`` (from a checkpoint), ``expert``, ``expert-rounded``, ``random``."""
+    """The actor of a method's name: one of `SCRIPTED`, or a learned one from its checkpoint."""
     match method:
         case "expert":
             return expert
@@ -105,9 +110,14 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
             return rounded_expert(settings)
         case "random":
             return random_actor(settings, seed)
-        case "gem":
-            return policy_actor(load_policy(checkpoint, clip.load(clip_name)))
-    raise ValueError(f"method must be gem, expert, expert-rounded or random, got {method!r}")
+    if method not in methods.NAMES:
+        raise ValueError(f"method must be one of {', '.join((*methods.NAMES, *SCRIPTED))}, got {method!r}")
+    if checkpoint is None:
+        raise ValueError(f"{method} needs --checkpoint")
+    policy = load_policy(checkpoint, clip.load(clip_name))
+    if policy.name != method:
+        raise ValueError(f"the checkpoint {checkpoint} holds {policy.name}, not {method}")
+    return policy_actor(policy)
 
 
 def _run_chunk(chunk: tuple[str, Config, Path | None, str | None, str, tasks.Split, list[int]]) -> list[Episode]:
@@ -192,12 +202,15 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.evaluate --help``."""
     parser = argparse.ArgumentParser(
         description="Measure a policy over test episodes; prints the mean with its 95 % interval and files the row.",
-        epilog="example: python -m gem_lite.evaluate gem put-block-in-bowl-unseen-colors "
+        epilog=methods.HELP
+        + "\n  expert, expert-rounded, random    need no checkpoint; expert-rounded is a policy's ceiling"
+        "\n\nexample: python -m gem_lite.evaluate gem put-block-in-bowl-unseen-colors "
         "--checkpoint data/gem-put-block-in-bowl.safetensors",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("method", help="gem, expert, expert-rounded or random")
+    parser.add_argument("method", help="see below")
     parser.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
-    parser.add_argument("--checkpoint", type=Path, help="for gem: the checkpoint to load")
+    parser.add_argument("--checkpoint", type=Path, help="of a learned method: the checkpoint to load")
     parser.add_argument("--episodes", type=int, default=100, help="default 100")
     parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
     parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
@@ -205,13 +218,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "put-block-in-bowl.jsonl", help="results file")
     args = parser.parse_args()
     try:
-        if args.method == "gem" and args.checkpoint is None:
-            raise ValueError("gem needs --checkpoint")
-        card = read_card(args.checkpoint) if args.method == "gem" else {}
         found = evaluate(
             args.method, args.task, args.episodes, args.split, args.start,
             checkpoint=args.checkpoint, clip_name=args.clip,
         )  # fmt: skip
+        card = {} if args.method in SCRIPTED else read_card(args.checkpoint)
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
     facts = {

@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import nn
+from tqdm import tqdm
 
 from gem_lite import language, semantic_map
-from gem_lite.clip import Clip
 from gem_lite.config import Config
-from gem_lite.crop_memory import CropMemory
+from gem_lite.crop_memory import CropMemory, collect_crops
+from gem_lite.demonstrations import Demonstration
 from gem_lite.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
-from gem_lite.se2 import Action, Pose2, angle_bins
-from gem_lite.steerable import SteerableKernel, sample
-from gem_lite.tabletop.heightmap import HeightMap
+from gem_lite.policy import RGBD, Choice, Inputs, PickPlacePolicy, PreparedStep, crop_at, label, numbered_steps, to_rgbd
+from gem_lite.se2 import angle_bins
+from gem_lite.semantic_map import SceneEmbedding
+from gem_lite.steerable import SteerableKernel, correlate, sample
+from gem_lite.tabletop.cameras import View
 from gem_lite.tabletop.world import Observation
-
-HEIGHT_SCALE = 0.05
-"""Metres that become 1 in a network's height channel."""
-RGBD = 4
-
-
-def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
-    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is 0."""
-    rgb = torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - 0.2
-    height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
-    return torch.cat([rgb, height])
-
-
-def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:
-    """Unrotated squares around pixels: (B, C, H, W) and (B, 2) integers to (B, C, size, size); outside is 0."""
-    half = size // 2
-    padded = nn.functional.pad(image, (half, half, half, half))
-    corners = zip(padded, pixels.tolist(), strict=True)
-    return torch.stack([picture[:, row : row + size, col : col + size] for picture, (row, col) in corners])
 
 
 class ActionModule(nn.Module):
@@ -44,18 +29,30 @@ class ActionModule(nn.Module):
     def __init__(self, config: Config, language_dim: int) -> None:
         super().__init__()
         self.config = config
-        self.encoder = UNet(RGBD, config.channels, language_dim, config.widths)
+        attention = language_dim if config.language_in_attention else None
+        self.encoder = UNet(RGBD, config.channels, attention, config.widths)
         self.refiner = SemanticRefiner(config.channels)
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
+
+    @property
+    def kernel_channels(self) -> int:
+        """Channels that a kernel generator makes: those of one kernel, or of one for each angle."""
+        return self.config.channels * (self.config.angles if self.config.kernels == "free" else 1)
 
     def features(self, rgbd: torch.Tensor, semantic: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """A ⊗ M: the encoder's features gated by the refined semantic map, (B, channels, H, W)."""
         return self.encoder(rgbd, words) * self.refiner(semantic, rgbd[:, 3:])
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
-        """Logits (B, R, H, W) of features against a kernel (B, channels, h, h)."""
-        lifted = SteerableKernel.lift(kernel, self.config.rotations, self.config.frequency)
-        return sample(lifted.correlate(features), self.angles)
+        """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
+        # Fourier transforms and logits want all their digits, also where training is in mixed precision.
+        with torch.autocast(features.device.type, enabled=False):
+            features, kernel = features.float(), kernel.float()
+            if self.config.kernels == "steerable":
+                lifted = SteerableKernel.lift(kernel, self.config.rotations, self.config.frequency)
+                return sample(lifted.correlate(features), self.angles)
+            one_or_all = correlate(features, kernel.unflatten(1, (-1, self.config.channels)))
+            return one_or_all.expand(-1, self.config.angles, -1, -1)
 
 
 class PickModule(ActionModule):
@@ -63,7 +60,7 @@ class PickModule(ActionModule):
 
     def __init__(self, config: Config, language_dim: int) -> None:
         super().__init__(config, language_dim)
-        self.kernel = LanguageKernel(config.kernel, config.channels, language_dim, config.kernel_widths)
+        self.kernel = LanguageKernel(config.kernel, self.kernel_channels, language_dim, config.kernel_widths)
 
     def forward(self, rgbd: torch.Tensor, semantic: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``rgbd`` (B, 4, H, W), ``semantic`` (B, 1, H, W), ``words`` (B, D) to logits (B, R, H, W)."""
@@ -75,7 +72,7 @@ class PlaceModule(ActionModule):
 
     def __init__(self, config: Config, language_dim: int) -> None:
         super().__init__(config, language_dim)
-        self.kernel = CropKernel(RGBD + 1, config.channels, config.fields)
+        self.kernel = CropKernel(RGBD + 1, self.kernel_channels, config.fields)
 
     def forward(
         self, rgbd: torch.Tensor, semantic: torch.Tensor, words: torch.Tensor, crop: torch.Tensor
@@ -85,81 +82,102 @@ class PlaceModule(ActionModule):
 
 
 @dataclass(frozen=True)
-class Decision:
+class PhraseMaps:
+    """The semantic maps of one phrase, (H, W) float32; ``image`` is None where no crop was retrieved."""
+
+    text: np.ndarray
+    image: np.ndarray | None
+    fused: np.ndarray
+
+
+@dataclass(frozen=True)
+class Decision(Choice):
     """Everything on the way from a sentence to an action, for figures.
 
     Maps are (H, W) float32; ``pick_image`` and ``place_image`` are None where no crop was retrieved.
-    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col).
     """
 
-    instruction: str
-    phrases: language.Phrases
-    heightmap: HeightMap
     pick_text: np.ndarray
     pick_image: np.ndarray | None
     pick_map: np.ndarray
     place_text: np.ndarray
     place_image: np.ndarray | None
     place_map: np.ndarray
-    pick_logits: np.ndarray
-    place_logits: np.ndarray
-    pick_cell: tuple[int, int, int]
-    place_cell: tuple[int, int, int]
-    action: Action
 
 
-class Policy:
-    """The whole chain: images and a sentence in, one pick and place out."""
+class Policy(PickPlacePolicy):
+    """The whole chain of GEM, less what its configuration switches off (Table A2)."""
 
-    name = "gem"
+    method = "gem"
 
-    def __init__(self, config: Config, clip: Clip, memory: CropMemory | None, seed: int = 0) -> None:
-        self.config, self.clip, self.memory = config, clip, memory
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            self.pick = PickModule(config, clip.dim)
-            self.place = PlaceModule(config, clip.dim)
+    def build(self) -> tuple[PickModule, PlaceModule]:
+        """See `PickPlacePolicy`."""
+        return PickModule(self.config, self.clip.dim), PlaceModule(self.config, self.clip.dim)
 
-    def act(self, observation: Observation, instruction: str) -> Action:
-        """One pick and place.
+    def see(self, views: Sequence[View]) -> SceneEmbedding:
+        """See `PickPlacePolicy`."""
+        return semantic_map.embed_scene(views, self.clip, self.config)
 
-        Raises:
-            ValueError: the instruction is empty or names no pick or no place.
+    def maps(self, scene: SceneEmbedding, phrase: str, exclude_episode: int | None = None) -> PhraseMaps:
+        """A phrase's maps: Eq. 1-4 up to the depth, which belongs to the networks.
+
+        Args:
+            exclude_episode: an episode whose crops must not be found (training's own).
         """
-        return self.decide(observation, instruction).action
+        if self.config.semantic_map == "none":
+            ones = np.ones(self.config.workspace.shape, np.float32)
+            return PhraseMaps(ones, None, ones)
+        single = self.config.semantic_map == "single-view"
+        text = (semantic_map.single_view_map if single else semantic_map.text_conditioned_map)(scene, phrase, self.clip)
+        image = semantic_map.image_conditioned_map(scene, phrase, self.clip, self.memory, exclude_episode)
+        fused = semantic_map.fuse(text, image, self.config.text_weight, self.config.image_weight)
+        return PhraseMaps(text, image, fused)
 
-    @torch.inference_mode()
+    def inputs(self, scene: SceneEmbedding, phrases: language.Phrases) -> Inputs:
+        """See `PickPlacePolicy`."""
+        fused = [self.maps(scene, phrase).fused for phrase in (phrases.pick, phrases.place)]
+        return self._join(scene, fused, phrases)
+
+    def _join(self, scene: SceneEmbedding, maps: Sequence[np.ndarray], phrases: language.Phrases) -> Inputs:
+        """``image`` (6, H, W): RGB-D, then the pick and the place semantic map."""
+        image = torch.cat([to_rgbd(scene.heightmap), torch.from_numpy(np.stack(maps))])
+        return Inputs(image=image, **self.words(phrases))
+
+    def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
+        """See `PickPlacePolicy`; fills ``memory`` with the demonstrations' crops."""
+        steps = numbered_steps(demos)
+        scenes = [self.see(step.observation.views) for _, step in tqdm(steps, desc="semantic maps", unit="scene")]
+        if self.config.semantic_map != "none" and self.config.image_weight > 0:
+            heightmaps = [scene.heightmap for scene in scenes]
+            self.memory = CropMemory(collect_crops(demos, heightmaps, self.config.top_patch), self.clip)
+        prepared = []
+        for (episode, step), scene in zip(steps, scenes, strict=True):
+            phrases = self.read(step.instruction)
+            maps = [self.maps(scene, phrase, exclude_episode=episode) for phrase in (phrases.pick, phrases.place)]
+            with_image, text_only = (
+                label(step, self._join(scene, [getattr(found, kind) for found in maps], phrases), self.config)
+                for kind in ("fused", "text")
+            )
+            prepared.append(PreparedStep(with_image, text_only))
+        return prepared
+
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        """See `PickPlacePolicy`."""
+        return self.pick(inputs.image[:, :RGBD], inputs.image[:, 4:5], inputs.pick_words)
+
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        """See `PickPlacePolicy`."""
+        crop = crop_at(inputs.image[:, : RGBD + 1], picks, self.config.crop)
+        return self.place(inputs.image[:, :RGBD], inputs.image[:, 5:6], inputs.place_words, crop)
+
     def decide(self, observation: Observation, instruction: str) -> Decision:
         """`act`, with every intermediate result."""
-        phrases = language.parse(instruction)
-        scene = semantic_map.embed_scene(observation.views, self.clip, self.config)
-        texts, images, maps, words = {}, {}, {}, {}
-        for role, phrase in (("pick", phrases.pick), ("place", phrases.place)):
-            texts[role] = semantic_map.text_conditioned_map(scene, phrase, self.clip)
-            images[role] = semantic_map.image_conditioned_map(scene, phrase, self.clip, self.memory)
-            maps[role] = semantic_map.fuse(texts[role], images[role], self.config.text_weight, self.config.image_weight)
-            words[role] = self.clip.embed_texts([phrase]).cpu()
-        rgbd = to_rgbd(scene.heightmap)[None]
-        tensor = {role: torch.from_numpy(value)[None, None] for role, value in maps.items()}
-        self.pick.eval()
-        self.place.eval()
-        pick_logits = self.pick(rgbd, tensor["pick"], words["pick"])[0]
-        pick_cell = _argmax(pick_logits)
-        stack = torch.cat([rgbd, tensor["pick"]], dim=1)
-        crop = crop_at(stack, torch.tensor([pick_cell[1:]]), self.config.crop)
-        place_logits = self.place(rgbd, tensor["place"], words["place"], crop)[0]
-        place_cell = _argmax(place_logits)
-        workspace, angles = self.config.workspace, angle_bins(self.config.angles)
-        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
-        # Δ turns the object as it lies, so the gripper ends at its pick yaw + Δ.
-        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
+        phrases = self.read(instruction)
+        scene = self.see(observation.views)
+        pick, place = self.maps(scene, phrases.pick), self.maps(scene, phrases.place)
+        inputs = self._join(scene, [pick.fused, place.fused], phrases)
         return Decision(
-            instruction, phrases, scene.heightmap,
-            texts["pick"], images["pick"], maps["pick"], texts["place"], images["place"], maps["place"],
-            pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell, Action(pick, place),
+            **vars(self.choose(instruction, phrases, scene.heightmap, inputs)),
+            pick_text=pick.text, pick_image=pick.image, pick_map=pick.fused,
+            place_text=place.text, place_image=place.image, place_map=place.fused,
         )  # fmt: skip
-
-
-def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:
-    """(angle, row, col) of the largest logit of (R, H, W)."""
-    return tuple(int(i) for i in np.unravel_index(int(logits.argmax()), logits.shape))

@@ -39,36 +39,51 @@ class UNet(nn.Module):
     """The vision-language encoder A (Fig. 3): eight residual blocks, language at the bottleneck.
 
     Four blocks with max-pooling halve the picture, four with bilinear upsampling bring it back; the
-    language vector is joined to every pixel of the bottleneck. H and W must be multiples of 16.
+    language vector is joined to every pixel of the bottleneck, or left out if ``language_dim`` is None.
+    H and W must be multiples of 16.
     """
 
-    def __init__(self, inputs: int, outputs: int, language_dim: int, widths: Sequence[int]) -> None:
+    def __init__(self, inputs: int, outputs: int, language_dim: int | None, widths: Sequence[int]) -> None:
         super().__init__()
         ins = [inputs, *widths[:-1]]
         self.down = nn.ModuleList(ResidualBlock(i, o) for i, o in zip(ins, widths, strict=True))
-        self.language = nn.Linear(language_dim, widths[-1])
-        self.bottleneck = nn.Conv2d(2 * widths[-1], widths[-1], 1)
-        ups = [*reversed(widths[:-1]), widths[0]]
+        self.language = None if language_dim is None else nn.Linear(language_dim, widths[-1])
+        joined = (1 if language_dim is None else 2) * widths[-1]
+        self.bottleneck = nn.Conv2d(joined, widths[-1], 1)
+        ups = decoder_widths(widths)
         below = [widths[-1], *ups[:-1]]
         self.up = nn.ModuleList(
             ResidualBlock(b + skip, o) for b, skip, o in zip(below, reversed(widths), ups, strict=True)
         )
         self.out = nn.Conv2d(widths[0], outputs, 1)
 
-    def forward(self, x: torch.Tensor, language: torch.Tensor) -> torch.Tensor:
-        """``x`` (B, inputs, H, W), ``language`` (B, D) to (B, outputs, H, W)."""
+    def decode(self, x: torch.Tensor, language: torch.Tensor | None = None) -> list[torch.Tensor]:
+        """What each block of the way up puts out, (B, decoder_widths[i], H / 2^(3-i), W / 2^(3-i))."""
         if x.shape[-1] % 16 or x.shape[-2] % 16:
             raise ValueError(f"height and width must be multiples of 16, got {tuple(x.shape[-2:])}")
         skips = []
         for block in self.down:
             skips.append(block(x))
             x = F.max_pool2d(skips[-1], 2)
-        words = self.language(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])
-        x = F.relu(self.bottleneck(torch.cat([x, words], dim=1)))
+        if self.language is not None:
+            words = self.language(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])
+            x = torch.cat([x, words], dim=1)
+        x = F.relu(self.bottleneck(x))
+        found = []
         for block in self.up:
             x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
             x = block(torch.cat([x, skips.pop()], dim=1))
-        return self.out(x)
+            found.append(x)
+        return found
+
+    def forward(self, x: torch.Tensor, language: torch.Tensor | None = None) -> torch.Tensor:
+        """``x`` (B, inputs, H, W), ``language`` (B, D) to (B, outputs, H, W)."""
+        return self.out(self.decode(x, language)[-1])
+
+
+def decoder_widths(widths: Sequence[int]) -> list[int]:
+    """Channels of the four blocks on a `UNet`'s way up, from H / 8 to H."""
+    return [*reversed(widths[:-1]), widths[0]]
 
 
 class SemanticRefiner(nn.Module):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import torch
+import torch.nn.functional as F
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 from transformers import AutoConfig, AutoModel, VisionTextDualEncoderConfig, VisionTextDualEncoderModel
@@ -26,6 +28,17 @@ class ResNetClip(VisionTextDualEncoderModel):
         super().__init__(config)
         self.vision_model.embedder.pooler = nn.Identity()
         self.vision_model.pooler = nn.Sequential(self.vision_model.pooler, nn.Flatten())
+
+    def feature_map(self, pixels: torch.Tensor) -> torch.Tensor:
+        """What is pooled and projected to an embedding, before it is: (N, 3, H, W) to (N, h, w, channels).
+
+        A picture of 40 pixels makes three cells of 16, and the tower has learned to see in them its 40
+        pixels. Moved by half of what is missing, every cell of a larger picture is about its own 16.
+        """
+        vision = self.config.vision_config
+        shift = -vision.image_size % 2 ** len(vision.depths) // 2
+        moved = F.pad(pixels[..., shift:, shift:], (0, shift, 0, shift), mode="replicate")
+        return self.vision_model(moved).last_hidden_state.permute(0, 2, 3, 1)
 
     def fold_batch_norms(self) -> None:
         """Put every batch normalisation into the convolution before it: the same function, faster; for inference."""

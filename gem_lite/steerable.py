@@ -79,6 +79,7 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=6)
+@torch.inference_mode(False)  # what a decision made first, training must be able to use
 def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """`harmonics` as tensors, the orders real and the rest complex."""
     orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
@@ -136,6 +137,7 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)  # what a decision made first, training must be able to use
 def _lift_map(
     size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -192,10 +194,30 @@ class SteerableKernel:
         Raises:
             ValueError: batch or channels are not the kernel's.
         """
-        batch, _, channels, _, _ = self.coefficients.shape
-        if features.ndim != 4 or features.shape[:2] != (batch, channels):
-            raise ValueError(f"features must be ({batch}, {channels}, H, W), got {tuple(features.shape)}")
+        _check_features(features, self.coefficients)
         return _Correlate.apply(features, self.coefficients)
+
+
+def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
+    """Cross-correlate with kernels that belong to no orbit: plain, real ones, at the border as `SteerableKernel`.
+
+    Two of them go as the real and the imaginary part of one, which halves the transforms.
+
+    Args:
+        features: (B, C, H, W).
+        kernels: (B, N, C, h, h), h odd.
+
+    Returns:
+        (B, N, H, W).
+
+    Raises:
+        ValueError: batch or channels are not the kernels'.
+    """
+    _check_features(features, kernels)
+    count = kernels.shape[1]
+    pairs = torch.cat([kernels, torch.zeros_like(kernels[:, : count % 2])], dim=1)
+    response = _Correlate.apply(features, torch.complex(pairs[:, 0::2], pairs[:, 1::2]))
+    return torch.stack([response.real, response.imag], dim=2).flatten(1, 2)[:, :count]
 
 
 class _Correlate(torch.autograd.Function):
@@ -342,6 +364,12 @@ def _check_kernel(kernel: torch.Tensor) -> torch.Size:
     if kernel.ndim != 4 or kernel.shape[-1] != kernel.shape[-2] or kernel.shape[-1] % 2 == 0:
         raise ValueError(f"kernel must be (B, C, h, h) with odd h, got {tuple(kernel.shape)}")
     return kernel.shape
+
+
+def _check_features(features: torch.Tensor, kernels: torch.Tensor) -> None:
+    batch, _, channels, _, _ = kernels.shape
+    if features.ndim != 4 or features.shape[:2] != (batch, channels):
+        raise ValueError(f"features must be ({batch}, {channels}, H, W), got {tuple(features.shape)}")
 
 
 def _check_frequency(frequency: int, rotations: int) -> None:

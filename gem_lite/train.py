@@ -1,4 +1,4 @@
-"""Train GEM from demonstrations: cross-entropy over pixels and angles, pick and place apart."""
+"""Train a method from demonstrations: cross-entropy over pixels and angles, pick and place apart."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 import contextlib
 import dataclasses
 import hashlib
+import io
 import json
-import math
 import os
 import platform
 import time
@@ -21,80 +21,14 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import augment, clip, config, demonstrations, semantic_map
-from gem_lite.augment import Sample
+from gem_lite import augment, clip, config, demonstrations, methods
 from gem_lite.clip import Clip
 from gem_lite.config import Config
-from gem_lite.crop_memory import CropMemory, collect_crops
-from gem_lite.demonstrations import Demonstration
-from gem_lite.gem import Policy, crop_at, to_rgbd
+from gem_lite.crop_memory import CropMemory
+from gem_lite.policy import PickPlacePolicy, PreparedStep, Sample
 
 SAVE_EVERY = 100
 """Steps between two saves of the training state: a killed run loses at most these."""
-
-
-@dataclasses.dataclass(frozen=True)
-class PreparedStep:
-    """A demonstrated step with all that stays frozen: images, both maps of each phrase, labels.
-
-    ``with_image`` holds the image-conditioned blend (the text map itself where retrieval, which never
-    finds the step's own episode, found nothing), ``text_only`` the map without it.
-    """
-
-    with_image: Sample
-    text_only: Sample
-
-
-def prepare(demos: Sequence[Demonstration], model: Clip, settings: Config) -> tuple[list[PreparedStep], CropMemory]:
-    """Compute every demonstration's semantic maps once, and the memory of its crops."""
-    steps = [(episode, step) for episode, demo in enumerate(demos) for step in demo.steps]
-    scenes = [
-        semantic_map.embed_scene(step.observation.views, model, settings)
-        for _, step in tqdm(steps, desc="semantic maps", unit="scene")
-    ]
-    memory = CropMemory(collect_crops(demos, [scene.heightmap for scene in scenes], settings.top_patch), model)
-    prepared = []
-    for (episode, step), scene in zip(steps, scenes, strict=True):
-        rgbd, action, workspace = to_rgbd(scene.heightmap), step.expert.action, settings.workspace
-        texts, blends, words = [], [], []
-        for phrase in (step.phrases.pick, step.phrases.place):
-            text = semantic_map.text_conditioned_map(scene, phrase, model)
-            image = semantic_map.image_conditioned_map(scene, phrase, model, memory, exclude_episode=episode)
-            texts.append(text)
-            blends.append(semantic_map.fuse(text, image, settings.text_weight, settings.image_weight))
-            words.append(model.embed_texts([phrase])[0].cpu())
-        with_image = Sample(
-            image=torch.cat([rgbd, torch.from_numpy(np.stack(blends))]),
-            pick=workspace.to_pixel(action.pick.x, action.pick.y),
-            place=workspace.to_pixel(action.place.x, action.place.y),
-            pick_yaw=action.pick.yaw,
-            delta=action.delta,
-            pick_symmetry=step.expert.pick_symmetry,
-            place_symmetry=step.expert.place_symmetry,
-            pick_words=words[0],
-            place_words=words[1],
-        )
-        text_only = dataclasses.replace(with_image, image=torch.cat([rgbd, torch.from_numpy(np.stack(texts))]))
-        prepared.append(PreparedStep(with_image, text_only))
-    return prepared, memory
-
-
-def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
-    """The angle bins that a label spreads over: the nearest bin of every equivalent angle.
-
-    ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
-    """
-    if symmetry == 0:
-        return list(range(count))
-    copies = round(2 * math.pi / symmetry)
-    equivalents = angle + 2 * math.pi * np.arange(copies) / copies
-    return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
-
-
-def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
-    """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
-    right = torch.stack([one[bins, row, col].mean() for one, (bins, row, col) in zip(logits, cells, strict=True)])
-    return (logits.flatten(1).logsumexp(dim=1) - right).mean()
 
 
 def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator) -> list[Sample]:
@@ -108,82 +42,79 @@ def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.rando
     return batch
 
 
-def losses(policy: Policy, batch: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pick and place loss of a batch; the place crop is taken at the demonstrated pick."""
-    settings = policy.config
-    device = next(policy.pick.parameters()).device
-    image = torch.stack([sample.image for sample in batch]).to(device)
-    rgbd, pick_map, place_map = image[:, :4], image[:, 4:5], image[:, 5:6]
-    pick_words, place_words = (
-        torch.stack([getattr(sample, f"{role}_words") for sample in batch]).to(device) for role in ("pick", "place")
-    )
-    pick_cells = [
-        (right_bins(s.pick_yaw, s.pick_symmetry, settings.angles), round(s.pick[0]), round(s.pick[1])) for s in batch
-    ]
-    place_cells = [
-        (right_bins(s.delta, s.place_symmetry, settings.angles), round(s.place[0]), round(s.place[1])) for s in batch
-    ]
-    crop = crop_at(image[:, :5], torch.tensor([cell[1:] for cell in pick_cells]), settings.crop)
-    pick = cross_entropy(policy.pick(rgbd, pick_map, pick_words), pick_cells)
-    place = cross_entropy(policy.place(rgbd, place_map, place_words, crop), place_cells)
-    return pick, place
+def train(
+    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu"
+) -> float:
+    """Train a policy's modules in place; returns the seconds spent on it in all.
 
-
-def train(policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu") -> float:
-    """Train a policy's pick and place module in place; returns the seconds spent on it in all.
-
-    Resumes from ``run`` if a training of the same configuration, data and seed was stopped there; the
-    result is the same as without the stop.
+    Resumes from ``run`` if a training of the same method, configuration, data and seed was stopped there;
+    the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
-        FloatingPointError: a loss is not finite; the last saved state stays intact.
+        FloatingPointError: a loss or a gradient is not finite; the last saved state stays intact.
+        OSError: the state cannot be saved; the last saved one stays intact.
     """
     settings = policy.config
-    modules = {"pick": policy.pick.to(device).train(), "place": policy.place.to(device).train()}
+    modules = {name: module.to(device).train() for name, module in policy.modules.items()}
     optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
-    identity = {"config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
-    state_file, start, spent = run / "state.pt", 0, 0.0
+    identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
+    state_file, saved, spent = run / "state.pt", 0, 0.0
     run.mkdir(parents=True, exist_ok=True)
     if state_file.exists():
         state = torch.load(state_file, map_location=device)
         if state["identity"] != identity:
-            raise ValueError(f"{state_file} belongs to a training with other settings, data or seed; give another run")
+            raise ValueError(
+                f"{state_file} belongs to a training with other settings (method, configuration, data or seed); "
+                "give another run"
+            )
         for name, module in modules.items():
             module.load_state_dict(state[name])
             optimizers[name].load_state_dict(state[f"{name}_optimizer"])
-        start, spent = state["step"], state["seconds"]
-        print(f"resuming at step {start} from {state_file}")
+        saved, spent = state["step"], state["seconds"]
+        print(f"resuming at step {saved} from {state_file}")
     began = time.time() - spent
+
+    def last_good() -> str:
+        return f"{state_file} holds step {saved}, intact" if saved else "no state had been saved yet"
 
     def store(step: int) -> None:
         state = {"identity": identity, "step": step, "seconds": time.time() - began}
         for name, module in modules.items():
             state |= {name: module.state_dict(), f"{name}_optimizer": optimizers[name].state_dict()}
-        torch.save(state, state_file.with_suffix(".part"))
-        os.replace(state_file.with_suffix(".part"), state_file)
+        # Into memory first: torch's own writer reports a full disk as it likes, and not always.
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        try:
+            demonstrations.write_whole(state_file, buffer.getvalue())
+        except OSError as error:
+            raise OSError(f"the state of step {step} cannot be saved ({error}); {last_good()}") from error
 
-    bar = tqdm(range(start, settings.steps), "training", settings.steps, initial=start, unit="step")
+    bar = tqdm(range(saved, settings.steps), "training", settings.steps, initial=saved, unit="step")
     for step in bar:
         # Every step's draw depends on the seed and the step alone, so a resumed run draws the same.
         batch = make_batch(prepared, settings, np.random.default_rng((seed, step)))
         # Warm up over 50 steps, hold, and fall linearly to a fiftieth over the second half.
         rate = settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
-        pair = dict(zip(("pick", "place"), losses(policy, batch), strict=True))
-        for name, loss in pair.items():
+        with torch.autocast("cuda", torch.bfloat16, enabled=device != "cpu"):
+            losses = policy.losses(batch)
+        for name, loss in losses.items():
             if not torch.isfinite(loss):
-                raise FloatingPointError(f"the {name} loss is {loss.item()} at step {step}; {state_file} is intact")
+                raise FloatingPointError(f"the {name} loss is {loss.item()} at step {step}; {last_good()}")
             optimizer = optimizers[name]
             for group in optimizer.param_groups:
                 group["lr"] = rate
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
-            nn.utils.clip_grad_norm_(modules[name].parameters(), 1.0)
+            norm = nn.utils.clip_grad_norm_(modules[name].parameters(), 1.0)
+            if not torch.isfinite(norm):
+                raise FloatingPointError(f"the {name} gradient is {norm.item()} at step {step}; {last_good()}")
             optimizer.step()
         if step % 10 == 0:
-            bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in pair.items()})
+            bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in losses.items()})
         if (step + 1) % SAVE_EVERY == 0 or step + 1 == settings.steps:
             store(step + 1)
+            saved = step + 1
     for module in modules.values():
         module.cpu()
     return time.time() - began
@@ -192,11 +123,12 @@ def train(policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path
 def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
     digest = hashlib.sha256()
     for step in prepared:
-        digest.update(step.with_image.image.numpy().tobytes())
+        for part in (step.with_image.image, step.with_image.coarse):
+            digest.update(part.numpy().tobytes())
     return digest.hexdigest()
 
 
-def save_policy(policy: Policy, path: Path, facts: dict) -> None:
+def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
     """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
 
     Args:
@@ -205,7 +137,7 @@ def save_policy(policy: Policy, path: Path, facts: dict) -> None:
     """
     tensors = {
         f"{role}.{name}": value.detach().cpu().contiguous()
-        for role, module in (("pick", policy.pick), ("place", policy.place))
+        for role, module in policy.modules.items()
         for name, value in module.named_parameters()
     }
     entries = []
@@ -223,8 +155,7 @@ def save_policy(policy: Policy, path: Path, facts: dict) -> None:
         "date": datetime.now(UTC).date().isoformat(),
         **facts,
     }
-    demonstrations.write_whole(path, content)
-    demonstrations.write_whole(path.with_suffix(".json"), json.dumps(card, indent=1).encode())
+    demonstrations.write_together({path: content, path.with_suffix(".json"): json.dumps(card, indent=1).encode()})
 
 
 def read_card(path: Path) -> dict:
@@ -235,15 +166,15 @@ def read_card(path: Path) -> dict:
     return json.loads(path.with_suffix(".json").read_text())
 
 
-def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Policy:
-    """Load and verify a checkpoint of `save_policy`.
+def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
+    """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
 
     Args:
         settings: if given, the configuration that the checkpoint must have.
 
     Raises:
         FileNotFoundError: no such checkpoint.
-        ValueError: cut off or changed, of another configuration, or trained with another CLIP.
+        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP.
     """
     path = Path(path)
     card = read_card(path)
@@ -255,6 +186,9 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Poli
         old, new = found.as_dict(), settings.as_dict()
         differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
         raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
+    method = card["method"].removesuffix(found.variant)
+    if method not in methods.METHODS:
+        raise ValueError(f"the checkpoint {path} holds the unknown method {card['method']!r}")
     if card["clip"]["fingerprint"] != model.fingerprint:
         raise ValueError(
             f"the checkpoint {path} was trained with the CLIP {card['clip']['name']!r}, "
@@ -264,9 +198,9 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Poli
     memory = None
     if card["memory"]:
         memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-    policy = Policy(found, model, memory)
+    policy = methods.METHODS[method](found, model, memory)
     with torch.no_grad():
-        for role, module in (("pick", policy.pick), ("place", policy.place)):
+        for role, module in policy.modules.items():
             for name, value in module.named_parameters():
                 value.copy_(tensors[f"{role}.{name}"])
     return policy
@@ -275,43 +209,51 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Poli
 def main() -> None:
     """Command line: see ``python -m gem_lite.train --help``."""
     parser = argparse.ArgumentParser(
-        description="Train GEM from demonstrations.",
-        epilog="example: python -m gem_lite.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors",
+        description="Train a method from demonstrations.",
+        epilog=methods.HELP
+        + "\n\nexample: python -m gem_lite.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.demonstrations collect")
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
+    parser.add_argument(
+        "--method", choices=methods.NAMES, metavar="METHOD", default="gem", help="see below; default gem"
+    )
     parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
     parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
     parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")
     parser.add_argument("--seed", type=int, default=0, help="seed of weights and draws (default 0)")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default cpu)")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default cpu")
     parser.add_argument("--run", type=Path, help="folder for the state to resume from (default runs/<checkpoint>)")
     args = parser.parse_args()
+    run = args.run or Path("runs") / args.checkpoint.stem
     try:
+        if args.device == "cuda" and not torch.cuda.is_available():
+            raise ValueError("this machine has no GPU that torch can use; leave out --device cuda")
         demos = demonstrations.load(args.demonstrations)[: args.episodes]
         model = clip.load(args.clip)
-        settings = config.CONFIGS[args.config]
+        method, settings = methods.find(args.method, config.CONFIGS[args.config])
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
-        run = args.run or Path("runs") / args.checkpoint.stem
-        prepared, memory = prepare(demos, model, settings)
-        policy = Policy(settings, model, memory, args.seed)
-        seconds = train(policy, prepared, args.seed, run, args.device)
+        policy = method(settings, model, seed=args.seed)
+        seconds = train(policy, policy.prepare(demos), args.seed, run, args.device)
+        facts = {
+            "task": demos[0].task,
+            "demos": len(demos),
+            "data_sha256": demonstrations.data_hash(args.demonstrations),
+            "seed": args.seed,
+            "train_seconds": round(seconds, 1),
+            "hardware": f"{os.cpu_count()} CPU cores" if args.device == "cpu" else torch.cuda.get_device_name(),
+        }
+        save_policy(policy, args.checkpoint, facts)
     except (OSError, ValueError, FloatingPointError) as error:
         parser.exit(2, f"{error}\n")
-    facts = {
-        "task": demos[0].task,
-        "demos": len(demos),
-        "data_sha256": demonstrations.data_hash(args.demonstrations),
-        "seed": args.seed,
-        "train_seconds": round(seconds, 1),
-        "hardware": f"{os.cpu_count()} CPU cores" if args.device == "cpu" else torch.cuda.get_device_name(),
-    }
-    save_policy(policy, args.checkpoint, facts)
+    except KeyboardInterrupt:
+        parser.exit(130, f"\nstopped; the same command goes on from the last state in {run}\n")
     with contextlib.suppress(FileNotFoundError):
         (run / "state.pt").unlink()
-    print(f"wrote {args.checkpoint} after {seconds:.0f} s of training on {len(demos)} demonstrations")
+    print(f"wrote {args.checkpoint} after {seconds:.0f} s of training {policy.name} on {len(demos)} demonstrations")
 
 
 if __name__ == "__main__":

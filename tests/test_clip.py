@@ -155,6 +155,14 @@ def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     assert real.embed_texts(["red block"]).shape == (1, 24)
     assert real.fingerprint != model.fingerprint
     assert calibration.path_for(real) != calibration.path_for(model)
+    # Dense: cells row by row, each most of all about what lies in it.
+    picture = np.full((80, 160, 3), 90, np.uint8)
+    plain = real.embed_dense(picture, 40)
+    assert plain.shape == (24, 8, 16)
+    assert torch.allclose(plain.norm(dim=0), torch.ones(8, 16), atol=1e-5)
+    picture[20:30, 110:120] = (255, 0, 0)
+    change = (real.embed_dense(picture, 40) - plain).norm(dim=0)
+    assert divmod(int(change.argmax()), 16) == (2, 11)
 
 
 @pytest.fixture(scope="module")

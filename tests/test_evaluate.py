@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from gem_lite import evaluate
+from gem_lite import clip, evaluate
 from gem_lite.config import LITE
 from gem_lite.evaluate import Episode, file_rows, mean_and_interval, result_row
 
@@ -71,6 +71,14 @@ def test_unknown_method_task_and_count_are_named():
         evaluate.evaluate("expert", "put-blocks-in-bowl", 1)
     with pytest.raises(ValueError, match="episodes"):
         evaluate.evaluate("expert", TASK, 0)
+
+
+def test_a_learned_method_needs_its_own_checkpoint():
+    with pytest.raises(ValueError, match="cliport needs --checkpoint"):
+        evaluate.evaluate("cliport", TASK, 1)
+    shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
+    with pytest.raises(ValueError, match="holds gem, not gem-without-parsing"):
+        evaluate.make_actor("gem-without-parsing", LITE, shipped, None, seed=0)
 
 
 def test_stored_rows_are_complete():

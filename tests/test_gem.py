@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from gem_lite import networks
-from gem_lite.augment import Sample, apply, random_motion
+from gem_lite.augment import apply, random_motion
 from gem_lite.config import LITE, PAPER, Config
-from gem_lite.gem import PickModule, PlaceModule, crop_at
+from gem_lite.gem import PickModule, PlaceModule
 from gem_lite.networks import CropKernel, LanguageKernel, UNet
+from gem_lite.policy import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.se2 import ImageMotion
-from gem_lite.train import cross_entropy, right_bins
 
 D = 16
 SMALL = dataclasses.replace(
@@ -146,7 +146,10 @@ def test_cross_entropy_is_smallest_on_the_right_cells():
 def sample_with_spot(row: int, col: int) -> Sample:
     image = torch.zeros(6, 64, 48)
     image[:, row - 1 : row + 2, col - 1 : col + 2] = 1.0
-    return Sample(image, (row, col), (40.0, 30.0), 0.3, 0.7, math.pi / 2, 0.0, torch.zeros(D), torch.zeros(D))
+    return Sample(
+        image=image, pick=(row, col), place=(40.0, 30.0), pick_yaw=0.3, delta=0.7, pick_symmetry=math.pi / 2,
+        place_symmetry=0.0, pick_words=torch.zeros(D), place_words=torch.zeros(D),
+    )  # fmt: skip
 
 
 def test_augmentation_moves_image_and_labels_together():

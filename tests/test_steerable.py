@@ -3,10 +3,22 @@ import math
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from scipy.special import jn_zeros, jv
 
 from gem_lite import steerable
-from gem_lite.steerable import SteerableKernel, band_limited, best_angle, disc, fourier, orbit, peak, sample, turn
+from gem_lite.steerable import (
+    SteerableKernel,
+    band_limited,
+    best_angle,
+    correlate,
+    disc,
+    fourier,
+    orbit,
+    peak,
+    sample,
+    turn,
+)
 
 H = 9
 
@@ -288,6 +300,29 @@ def test_gradients_equal_those_of_rotating_first():
     expected = torch.autograd.grad((slow * upstream).sum(), (kernel, features))
     for one, other in zip(found, expected, strict=True):
         assert torch.allclose(one, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_plain_kernels_are_correlated_each_alone(count):
+    torch.manual_seed(0)
+    features, kernels = torch.randn(2, 3, 20, 13), torch.randn(2, count, 3, 7, 7)
+    expected = torch.stack([F.conv2d(f[None], k, padding=3)[0] for f, k in zip(features, kernels, strict=True)])
+    assert correlate(features, kernels).shape == (2, count, 20, 13)
+    assert torch.allclose(correlate(features, kernels), expected, atol=1e-4)
+    small = (torch.randn(1, 2, 5, 4, dtype=torch.float64), torch.randn(1, count, 2, 3, 3, dtype=torch.float64))
+    assert torch.autograd.gradcheck(correlate, [tensor.requires_grad_() for tensor in small])
+    with pytest.raises(ValueError, match=r"features must be \(2, 3, H, W\)"):
+        correlate(features[:1], kernels)
+
+
+def test_training_can_follow_a_decision():
+    # The maps that a decision computes first are kept for all; they must not be inference tensors.
+    steerable._lift_map.cache_clear()
+    with torch.inference_mode():
+        SteerableKernel.lift(torch.randn(1, 1, 5, 5), 8, 2)
+    kernel = torch.randn(1, 1, 5, 5, requires_grad=True)
+    SteerableKernel.lift(kernel, 8, 2).coefficients.abs().sum().backward()
+    assert kernel.grad.abs().sum() > 0
 
 
 def test_bad_arguments_are_named():

@@ -1,18 +1,24 @@
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, train
+from gem_lite import clip, demonstrations, methods, train
 from gem_lite.config import LITE
 from gem_lite.gem import Policy
-from gem_lite.train import load_policy, prepare, save_policy
+from gem_lite.train import load_policy, save_policy
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
 )
+
+
+def prepare(demos, model, settings):
+    policy = Policy(settings, model)
+    return policy.prepare(demos), policy.memory
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +37,7 @@ def prepared(model, demonstrations_small):
 
 
 def weights(policy: Policy) -> torch.Tensor:
-    return torch.cat([p.detach().flatten() for m in (policy.pick, policy.place) for p in m.parameters()])
+    return torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()])
 
 
 def test_labels_lie_on_the_expert(prepared, demonstrations_small):
@@ -88,7 +94,7 @@ def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, mon
 
     monkeypatch.setattr(train, "SAVE_EVERY", 2)
     calls = []
-    honest = train.losses
+    honest = Policy.losses
 
     def killed_at_the_fourth_step(*args):
         calls.append(1)
@@ -97,7 +103,7 @@ def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, mon
         return honest(*args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(train, "losses", killed_at_the_fourth_step)
+        patch.setattr(Policy, "losses", killed_at_the_fourth_step)
         with pytest.raises(KeyboardInterrupt):
             train.train(Policy(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "killed")
     resumed = Policy(SMALL, model, memory, seed=99)
@@ -113,21 +119,34 @@ def test_another_trainings_state_is_refused(prepared, model, tmp_path):
         train.train(Policy(SMALL, model, memory), steps, seed=1, run=tmp_path)
 
 
-def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
-    steps, memory = prepared
-    monkeypatch.setattr(train, "SAVE_EVERY", 1)
-    calls = []
-    honest = train.losses
+def test_a_seed_decides_everything(prepared, model, tmp_path):
+    settings = dataclasses.replace(SMALL, steps=3)
+    found = []
+    for number, seed in enumerate((7, 7, 8)):
+        policy = Policy(settings, model, prepared[1], seed=seed)
+        torch.rand(number)  # what others draw from the global generator must not matter
+        train.train(policy, prepared[0], seed=seed, run=tmp_path / str(number))
+        found.append(weights(policy))
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
 
-    def spoilt(*args):
-        calls.append(1)
-        pick, place = honest(*args)
-        return (pick * float("nan"), place) if len(calls) == 3 else (pick, place)
 
-    monkeypatch.setattr(train, "losses", spoilt)
-    with pytest.raises(FloatingPointError, match="pick loss is nan at step 2"):
-        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
-    assert torch.load(tmp_path / "state.pt")["step"] == 2
+def test_help_names_every_method(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["train", "--help"])
+    with pytest.raises(SystemExit):
+        train.main()
+    said = capsys.readouterr().out
+    assert all(f"  {name} " in said for name in methods.NAMES)
+
+
+def test_the_shipped_policy_decides_as_ever(model):
+    # Cells chosen by the version that trained it, before methods became interchangeable.
+    policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", model, LITE)
+    demo = demonstrations.load(clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10")[0]
+    decision = policy.decide(demo.steps[0].observation, demo.steps[0].instruction)
+    assert policy.name == "gem"
+    assert decision.pick_cell == (26, 150, 65)
+    assert decision.place_cell == (28, 47, 46)
 
 
 def test_checkpoint_round_trip(prepared, model, tmp_path):
@@ -150,6 +169,9 @@ def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
     card = json.loads(path.with_suffix(".json").read_text())
     path.with_suffix(".json").write_text(json.dumps({**card, "clip": {"name": "other", "fingerprint": "0"}}))
     with pytest.raises(ValueError, match="trained with the CLIP 'other'"):
+        load_policy(path, model)
+    path.with_suffix(".json").write_text(json.dumps({**card, "method": "vima"}))
+    with pytest.raises(ValueError, match="unknown method 'vima'"):
         load_policy(path, model)
     path.with_suffix(".json").write_text(json.dumps(card))
     path.write_bytes(path.read_bytes()[:-100])

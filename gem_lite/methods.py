@@ -1,0 +1,35 @@
+"""Every learned method by its name: GEM, its ablations (Table A2) and its rivals (Sec. 4.1)."""
+
+from __future__ import annotations
+
+from gem_lite.baselines.cliport import ClipPort
+from gem_lite.baselines.transporter import TransporterLan
+from gem_lite.config import ABLATIONS, Config
+from gem_lite.gem import Policy
+from gem_lite.policy import PickPlacePolicy
+
+METHODS: dict[str, type[PickPlacePolicy]] = {method.method: method for method in (Policy, TransporterLan, ClipPort)}
+NAMES = (*METHODS, *(f"{Policy.method}-{ending}" for ending in ABLATIONS))
+HELP = "methods:\n" + "\n".join(
+    f"  {name:34s}{meaning}"
+    for name, meaning in {
+        "gem": "the paper's method",
+        "transporter-lan": "Transporter Networks with language",
+        "cliport": "a semantic stream from CLIP beside a spatial one",
+        **{f"gem-{ending}": ablation.meaning for ending, ablation in ABLATIONS.items()},
+    }.items()
+)
+"""The end of a command line's help."""
+
+
+def find(name: str, config: Config) -> tuple[type[PickPlacePolicy], Config]:
+    """The class of a method's name, and ``config`` with what the name switches off.
+
+    Raises:
+        ValueError: no such method.
+    """
+    if name not in NAMES:
+        raise ValueError(f"method must be one of {', '.join(NAMES)}, got {name!r}")
+    if name in METHODS:
+        return METHODS[name], config
+    return Policy, config.ablated(name.removeprefix(f"{Policy.method}-"))

@@ -1,0 +1,300 @@
+"""What every learned method shares: how it reads, acts and is trained; `PickPlacePolicy` is the interface.
+
+A method turns camera views into a `Scene` of its own, a scene and two phrases into `Inputs`, and inputs
+into logits over angles and pixels. All the rest, from the sentence to the gripper and from the
+demonstration to the loss, is the same for all of them and stands here.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+import numpy as np
+import torch
+from torch import nn
+from tqdm import tqdm
+
+from gem_lite import language
+from gem_lite.clip import Clip
+from gem_lite.config import Config
+from gem_lite.crop_memory import CropMemory
+from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.se2 import Action, Pose2, angle_bins
+from gem_lite.tabletop.cameras import View
+from gem_lite.tabletop.heightmap import HeightMap
+from gem_lite.tabletop.world import Observation
+
+HEIGHT_SCALE = 0.05
+"""Metres that become 1 in a network's height channel."""
+RGBD = 4
+
+
+def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
+    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is 0."""
+    rgb = torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - 0.2
+    height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
+    return torch.cat([rgb, height])
+
+
+def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:
+    """Unrotated squares around pixels: (B, C, H, W) and (B, 2) integers to (B, C, size, size); outside is 0."""
+    half = size // 2
+    padded = nn.functional.pad(image, (half, half, half, half))
+    corners = zip(padded, pixels.tolist(), strict=True)
+    return torch.stack([picture[:, row : row + size, col : col + size] for picture, (row, col) in corners])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """What a method's networks see of one scene; all of it frozen, so that training computes it once.
+
+    Attributes:
+        image: (C, H, W): RGB-D (`to_rgbd`), then the method's own maps.
+        coarse: (D, h, w) features that cover the same table with fewer cells; D is 0 for methods without.
+        pick_words, place_words: (D,) text embeddings.
+    """
+
+    image: torch.Tensor
+    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
+    pick_words: torch.Tensor
+    place_words: torch.Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Inputs):
+    """One demonstrated step in the form that training reads.
+
+    Attributes:
+        pick, place: pixels (row, col), not rounded.
+        pick_yaw: the grasp's yaw (radians); ``delta``: place minus pick yaw.
+        pick_symmetry, place_symmetry: turns that change nothing, see `tasks.ExpertAction`.
+    """
+
+    pick: tuple[float, float]
+    place: tuple[float, float]
+    pick_yaw: float
+    delta: float
+    pick_symmetry: float
+    place_symmetry: float
+
+
+@dataclass(frozen=True)
+class PreparedStep:
+    """A demonstrated step with all that stays frozen.
+
+    ``with_image`` holds the image-conditioned blend (the text map itself where retrieval, which never
+    finds the step's own episode, found nothing), ``text_only`` the map without it. To a method without
+    image-conditioned maps both are the same.
+    """
+
+    with_image: Sample
+    text_only: Sample
+
+
+def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
+    """A batch: every tensor of ``several`` with a leading batch axis."""
+    names = ("image", "coarse", "pick_words", "place_words")
+    return Inputs(**{name: torch.stack([getattr(one, name) for one in several]).to(device) for name in names})
+
+
+def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
+    """A step's inputs with what the expert did."""
+    action, workspace = step.expert.action, config.workspace
+    return Sample(
+        **vars(inputs),
+        pick=workspace.to_pixel(action.pick.x, action.pick.y),
+        place=workspace.to_pixel(action.place.x, action.place.y),
+        pick_yaw=action.pick.yaw,
+        delta=action.delta,
+        pick_symmetry=step.expert.pick_symmetry,
+        place_symmetry=step.expert.place_symmetry,
+    )
+
+
+def numbered_steps(demos: Sequence[Demonstration]) -> list[tuple[int, DemonstrationStep]]:
+    """Every step with the number of its episode.
+
+    Raises:
+        ValueError: a step lacks a camera that other steps have.
+    """
+    steps = [(episode, step) for episode, demo in enumerate(demos) for step in demo.steps]
+    cameras = [{view.camera.name for view in step.observation.views} for _, step in steps]
+    for (episode, _), seen in zip(steps, cameras, strict=True):
+        if missing := set.union(*cameras) - seen:
+            raise ValueError(
+                f"demonstration {episode} (seed {demos[episode].seed}) has a step without the view of camera "
+                f"{', '.join(sorted(missing))}; leave it out or collect it again"
+            )
+    return steps
+
+
+def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
+    """The angle bins that a label spreads over: the nearest bin of every equivalent angle.
+
+    ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
+    """
+    if symmetry == 0:
+        return list(range(count))
+    copies = round(2 * math.pi / symmetry)
+    equivalents = angle + 2 * math.pi * np.arange(copies) / copies
+    return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
+
+
+def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
+    """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
+    right = torch.stack([one[bins, row, col].mean() for one, (bins, row, col) in zip(logits, cells, strict=True)])
+    return (logits.flatten(1).logsumexp(dim=1) - right).mean()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A decision and what it was read from.
+
+    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col).
+    """
+
+    instruction: str
+    phrases: language.Phrases
+    heightmap: HeightMap
+    pick_logits: np.ndarray
+    place_logits: np.ndarray
+    pick_cell: tuple[int, int, int]
+    place_cell: tuple[int, int, int]
+    action: Action
+
+
+class Scene(Protocol):
+    """What a method made of the camera views before it knows any phrase."""
+
+    @property
+    def heightmap(self) -> HeightMap:
+        """The table from above."""
+
+
+class PickPlacePolicy(ABC):
+    """A learned method: images and a sentence in, one pick and place out.
+
+    Attributes:
+        method: the method's name, without what its configuration switches off.
+        pick, place: its two trainable modules.
+        memory: the demonstrations' crops, for a method that retrieves them.
+    """
+
+    method: ClassVar[str]
+
+    def __init__(self, config: Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0) -> None:
+        self.config, self.clip, self.memory = config, clip, memory
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.pick, self.place = self.build()
+
+    @property
+    def name(self) -> str:
+        """The name in results and checkpoints, such as ``gem`` or ``gem-without-semantic-map``."""
+        return self.method + self.config.variant
+
+    @property
+    def modules(self) -> dict[str, nn.Module]:
+        """What training changes; each module has its own loss and optimizer."""
+        return {"pick": self.pick, "place": self.place}
+
+    @abstractmethod
+    def build(self) -> tuple[nn.Module, nn.Module]:
+        """Fresh pick and place modules of ``config``'s sizes."""
+
+    @abstractmethod
+    def see(self, views: Sequence[View]) -> Scene:
+        """All that does not depend on the phrases."""
+
+    @abstractmethod
+    def inputs(self, scene: Scene, phrases: language.Phrases) -> Inputs:
+        """What the networks see of a scene, given the phrases."""
+
+    @abstractmethod
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        """Logits (B, R, H, W) of picking at a pixel with a yaw, of batched inputs."""
+
+    @abstractmethod
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        """Logits (B, R, H, W) of placing at a pixel, turned by an angle, what lies at the pixels ``picks`` (B, 2)."""
+
+    def read(self, instruction: str) -> language.Phrases:
+        """The two phrases that the method gets to know.
+
+        Raises:
+            ValueError: the instruction is empty or names no pick or no place.
+        """
+        phrases = language.parse(instruction)
+        return phrases if self.config.parsing else language.Phrases(instruction, instruction)
+
+    def words(self, phrases: language.Phrases) -> dict[str, torch.Tensor]:
+        """The text embeddings (D,) of `Inputs`."""
+        pick, place = self.clip.embed_texts([phrases.pick])[0].cpu(), self.clip.embed_texts([phrases.place])[0].cpu()
+        return {"pick_words": pick, "place_words": place}
+
+    def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
+        """Compute once what training does not change.
+
+        Raises:
+            ValueError: a step lacks a camera's view.
+        """
+        prepared = []
+        for _, step in tqdm(numbered_steps(demos), desc="scenes", unit="scene"):
+            inputs = self.inputs(self.see(step.observation.views), self.read(step.instruction))
+            sample = label(step, inputs, self.config)
+            prepared.append(PreparedStep(sample, sample))
+        return prepared
+
+    def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
+        """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""
+        inputs = collate(batch, next(self.pick.parameters()).device)
+        count = self.config.angles
+        picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
+        places = [(right_bins(s.delta, s.place_symmetry, count), round(s.place[0]), round(s.place[1])) for s in batch]
+        pixels = torch.tensor([cell[1:] for cell in picks])
+        return {
+            "pick": cross_entropy(self.score_pick(inputs), picks),
+            "place": cross_entropy(self.score_place(inputs, pixels), places),
+        }
+
+    def act(self, observation: Observation, instruction: str) -> Action:
+        """One pick and place.
+
+        Raises:
+            ValueError: the instruction is empty or names no pick or no place.
+        """
+        return self.decide(observation, instruction).action
+
+    def decide(self, observation: Observation, instruction: str) -> Choice:
+        """`act`, with what the action was read from."""
+        phrases = self.read(instruction)
+        scene = self.see(observation.views)
+        return self.choose(instruction, phrases, scene.heightmap, self.inputs(scene, phrases))
+
+    @torch.inference_mode()
+    def choose(self, instruction: str, phrases: language.Phrases, heightmap: HeightMap, inputs: Inputs) -> Choice:
+        """The best pick, then the best place for it."""
+        self.pick.eval()
+        self.place.eval()
+        inputs = collate([inputs])
+        pick_logits = self.score_pick(inputs)[0]
+        pick_cell = _argmax(pick_logits)
+        place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0]
+        place_cell = _argmax(place_logits)
+        workspace, angles = self.config.workspace, angle_bins(self.config.angles)
+        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
+        # Δ turns the object as it lies, so the gripper ends at its pick yaw + Δ.
+        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
+        return Choice(
+            instruction, phrases, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
+            Action(pick, place),
+        )  # fmt: skip
+
+
+def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:
+    """(angle, row, col) of the largest logit of (R, H, W)."""
+    return tuple(int(i) for i in np.unravel_index(int(logits.argmax()), logits.shape))

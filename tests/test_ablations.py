@@ -1,0 +1,192 @@
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from gem_lite import clip, methods, semantic_map, train
+from gem_lite.config import ABLATIONS, LITE, Config
+from gem_lite.gem import PickModule, Policy
+from gem_lite.networks import parameter_count
+from gem_lite.train import load_policy, save_policy
+
+D = 16
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
+)
+WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention"}
+"""Ablations that change what the networks are made of."""
+INPUTS_DIFFER = {"without-semantic-map", "with-single-view", "without-image-map", "without-parsing"}
+"""Ablations that change what the networks see."""
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def demos(demo_set):
+    """The first step of one episode, twice, so that each finds a crop of the other."""
+    one = dataclasses.replace(demo_set[1][0], steps=demo_set[1][0].steps[:1])
+    return [one, one]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def seen_once():
+    """No ablation changes the embedding of a scene: make it once."""
+    seen, honest = {}, Policy.see
+
+    def see(self, views):
+        if id(views) not in seen:
+            seen[id(views)] = views, honest(self, views)  # the views are kept, so that their id stays theirs
+        return seen[id(views)][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Policy, "see", see)
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(model, demos):
+    policy = Policy(SMALL, model)
+    return policy, policy.prepare(demos)
+
+
+def weights(policy):
+    return {
+        f"{role}.{key}": value for role, module in policy.modules.items() for key, value in module.named_parameters()
+    }
+
+
+def disturbed_pick(config):
+    module = PickModule(config, D)
+    for parameter in module.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    return module.eval()
+
+
+def test_names_and_configurations_belong_together():
+    assert LITE.variant == ""
+    for ending, ablation in ABLATIONS.items():
+        method, config = methods.find(f"gem-{ending}", LITE)
+        assert method is Policy
+        assert config.variant == f"-{ending}"
+        assert config == dataclasses.replace(LITE, **ablation.changes) != LITE
+        assert Config.from_dict(config.as_dict()) == config
+    both = LITE.ablated("without-parsing").ablated("without-image-map")
+    assert both.variant == "-without-image-map-without-parsing"
+    with pytest.raises(ValueError, match="multi-view, single-view, none, got 'two-view'"):
+        dataclasses.replace(LITE, semantic_map="two-view")
+    with pytest.raises(ValueError, match="steerable, unrotated, free"):
+        dataclasses.replace(LITE, kernels="rigid")
+
+
+def test_old_configurations_are_gem():
+    old = {key: value for key, value in LITE.as_dict().items() if key not in ("kernels", "semantic_map", "parsing")}
+    assert Config.from_dict(old) == LITE
+
+
+@pytest.mark.parametrize("ending", ABLATIONS)
+def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
+    reference, steps = whole
+    policy = Policy(SMALL.ablated(ending), model)
+    prepared = policy.prepare(demos)
+    names, expected = weights(policy), weights(reference)
+    same_weights = names.keys() == expected.keys() and all(torch.equal(names[key], expected[key]) for key in names)
+    assert same_weights == (ending not in WEIGHTS_DIFFER)
+    one, other = prepared[0].with_image, steps[0].with_image
+    assert torch.equal(one.image[:4], other.image[:4])
+    assert (one.pick, one.place, one.pick_yaw, one.delta) == (other.pick, other.place, other.pick_yaw, other.delta)
+    same_maps, same_words = torch.equal(one.image[4:], other.image[4:]), torch.equal(one.pick_words, other.pick_words)
+    assert (same_maps and same_words) == (ending not in INPUTS_DIFFER)
+    assert same_words == (ending != "without-parsing")
+
+
+@pytest.mark.parametrize("ending", ABLATIONS)
+def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, tmp_path):
+    policy = Policy(SMALL.ablated(ending), model, memory=whole[0].memory)
+    train.train(policy, whole[1], seed=0, run=tmp_path)
+    save_policy(policy, tmp_path / "policy.safetensors", {})
+    loaded = load_policy(tmp_path / "policy.safetensors", model)
+    assert loaded.name == policy.name == train.read_card(tmp_path / "policy.safetensors")["method"] == f"gem-{ending}"
+    step = demos[0].steps[0]
+    assert loaded.act(step.observation, step.instruction) == policy.act(step.observation, step.instruction)
+
+
+def test_without_semantic_map_it_is_one_everywhere(model, demos):
+    policy = Policy(SMALL.ablated("without-semantic-map"), model)
+    for step in policy.prepare(demos):
+        assert torch.equal(step.with_image.image[4:], torch.ones(2, *SMALL.workspace.shape))
+    assert policy.memory is None
+
+
+def test_single_view_comes_from_the_height_map(model, demos):
+    policy = Policy(SMALL.ablated("with-single-view"), model)
+    step = demos[0].steps[0]
+    scene = policy.see(step.observation.views)
+    maps = policy.maps(scene, step.phrases.pick)
+    assert np.array_equal(maps.text, semantic_map.single_view_map(scene, step.phrases.pick, model))
+
+
+def test_without_image_map_nothing_is_remembered(model, demos, whole):
+    policy = Policy(SMALL.ablated("without-image-map"), model)
+    for step, reference in zip(policy.prepare(demos), whole[1], strict=True):
+        assert torch.equal(step.with_image.image, step.text_only.image)
+        assert torch.equal(step.with_image.image, reference.text_only.image)
+    assert policy.memory is None
+
+
+def test_without_parsing_both_modules_hear_the_whole_sentence(model):
+    policy = Policy(SMALL.ablated("without-parsing"), model)
+    sentence = "put the red block in the green bowl"
+    phrases = policy.read(sentence)
+    assert phrases.pick == phrases.place == sentence
+    words = policy.words(phrases)
+    assert torch.equal(words["pick_words"], words["place_words"])
+    with pytest.raises(ValueError, match="empty"):
+        policy.read(" ")
+
+
+def test_an_unrotated_kernel_knows_no_angle():
+    torch.manual_seed(0)
+    module = disturbed_pick(SMALL.ablated("without-steerable-kernel"))
+    features, words = torch.randn(2, 3, 32, 32), torch.randn(2, D)
+    kernel = module.kernel(words)
+    logits = module.score(features, kernel)
+    assert torch.equal(logits, logits[:, :1].expand(-1, SMALL.angles, -1, -1))
+    expected = torch.cat([F.conv2d(f[None], k[None], padding=8) for f, k in zip(features, kernel, strict=True)])
+    assert torch.allclose(logits[:, :1], expected, atol=1e-4 * float(expected.detach().abs().max()))
+
+
+def test_free_kernels_are_one_for_each_angle():
+    torch.manual_seed(0)
+    module = disturbed_pick(SMALL.ablated("with-free-kernels"))
+    features, words = torch.randn(1, 3, 32, 32), torch.randn(1, D)
+    kernels = module.kernel(words)
+    assert kernels.shape == (1, SMALL.angles * 3, 17, 17)
+    logits = module.score(features, kernels)
+    for i in (0, 1, 11):
+        expected = F.conv2d(features, kernels[:, 3 * i : 3 * i + 3], padding=8)[:, 0]
+        assert torch.allclose(logits[:, i], expected, atol=1e-4 * float(expected.detach().abs().max()))
+    turned = module.score(torch.rot90(features, 1, dims=(-2, -1)), kernels)
+    rotated = torch.rot90(logits, 1, dims=(-2, -1)).roll(SMALL.angles // 4, dims=1)
+    assert not torch.allclose(turned, rotated, atol=0.1 * float(rotated.detach().abs().max()))
+
+
+def test_without_language_in_attention_the_kernel_still_hears():
+    module = disturbed_pick(SMALL.ablated("without-language-in-attention"))
+    rgbd, semantic, (one, two) = torch.randn(1, 4, 32, 16), torch.randn(1, 1, 32, 16), torch.randn(2, 1, D)
+    assert torch.equal(module.features(rgbd, semantic, one), module.features(rgbd, semantic, two))
+    assert not torch.allclose(module.kernel(one), module.kernel(two))
+    full = PickModule(SMALL, D)
+    assert parameter_count(module) < parameter_count(full)
+
+
+def test_baselines_can_be_ablated_where_it_means_something():
+    config = SMALL.ablated("without-parsing")
+    policy = methods.METHODS["cliport"](config, types.SimpleNamespace(dim=D))
+    assert policy.name == "cliport-without-parsing"
+    assert policy.read("put the red block in the bowl").pick == "put the red block in the bowl"

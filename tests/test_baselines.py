@@ -1,0 +1,299 @@
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from gem_lite import clip, methods, train
+from gem_lite.baselines.transporter import turned_crops
+from gem_lite.config import LITE, PAPER
+from gem_lite.networks import parameter_count
+from gem_lite.policy import Inputs, numbered_steps
+from gem_lite.se2 import ImageMotion, angle_bins
+from gem_lite.tabletop.world import Observation
+from gem_lite.train import load_policy, make_batch, save_policy
+
+D = 16
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15
+)
+BASELINES = [name for name in methods.METHODS if name != "gem"]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def trained_on(model, demo_set):
+    """``trained_on(name)``: a fresh policy of SMALL's sizes and its prepared steps; scenes are prepared once."""
+    found = {}
+
+    def make(name):
+        if name not in found:
+            policy = methods.METHODS[name](SMALL, model)
+            found[name] = policy.prepare(demo_set[1]), policy.memory
+        prepared, memory = found[name]
+        return methods.METHODS[name](SMALL, model, memory, seed=1), prepared
+
+    return make
+
+
+def without_clip(name, config=SMALL, dim=D):
+    """A policy whose networks have random weights everywhere, also where training starts from 0."""
+    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim))
+    for module in policy.modules.values():
+        for parameter in module.parameters():
+            torch.nn.init.normal_(parameter, std=0.2)
+        module.eval()
+    return policy
+
+
+def random_inputs(name, height, width, batch=1):
+    cells = (height // 8, width // 8)
+    return Inputs(
+        image=torch.rand(batch, 6 if name == "gem" else 4, height, width),
+        coarse=torch.rand(batch, D, *cells) if name == "cliport" else torch.zeros(batch, 0, 1, 1),
+        pick_words=F.normalize(torch.randn(batch, D), dim=1),
+        place_words=F.normalize(torch.randn(batch, D), dim=1),
+    )
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(0)
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_logits_have_one_shape_and_the_action_is_on_the_table(name, trained_on, demo_set):
+    policy, _ = trained_on(name)
+    step = demo_set[1][0].steps[0]
+    choice, again = (policy.decide(step.observation, step.instruction) for _ in range(2))
+    assert choice.pick_logits.shape == choice.place_logits.shape == (12, *SMALL.workspace.shape)
+    assert choice.action == again.action == policy.act(step.observation, step.instruction)
+    for pose in (choice.action.pick, choice.action.place):
+        assert SMALL.workspace.contains(pose.x, pose.y)
+    assert choice.action.delta == pytest.approx((angle_bins(12)[choice.place_cell[0]] + np.pi) % (2 * np.pi) - np.pi)
+    with pytest.raises(ValueError, match="no place"):
+        policy.act(step.observation, "pick the red block")
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_all_move_with_the_table_by_16_pixels(name):
+    # Away from the borders: the content sits in the middle of a wide empty picture.
+    policy, full = without_clip(name), random_inputs(name, 320, 32)
+    image, coarse = torch.zeros_like(full.image), torch.zeros_like(full.coarse)
+    image[..., 150:160, 10:20] = full.image[..., 150:160, 10:20]
+    coarse[..., 18:20, 1:3] = full.coarse[..., 18:20, 1:3]
+    still = dataclasses.replace(full, image=image, coarse=coarse)
+    moved = dataclasses.replace(full, image=image.roll(16, dims=2), coarse=coarse.roll(2, dims=2))
+    inside = slice(140, 180)
+    with torch.no_grad():
+        for plain, shifted in (
+            (policy.score_pick(still), policy.score_pick(moved)),
+            (
+                policy.score_place(still, torch.tensor([[155, 14]])),
+                policy.score_place(moved, torch.tensor([[171, 14]])),
+            ),
+        ):
+            error = (shifted.roll(-16, dims=2) - plain)[..., inside, :].abs().max()
+            assert error < 2e-5 * plain[..., inside, :].abs().max()
+            assert plain[..., inside, :].std() > 1e-4
+
+
+@pytest.mark.parametrize("name", BASELINES)
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_place_queries_turn_with_the_object(name, turns):
+    # K_i(T_g crop) = K_{i+g}(crop): half of Eq. 6, exact at quarter turns for any weights.
+    place = without_clip(name).place
+    place = getattr(place, "network", place)
+    image, words, centre = torch.rand(1, 4 + (4 if name == "cliport" else 0), 33, 33), torch.randn(1, D), [[16, 16]]
+    with torch.no_grad():
+        before = place.kernels(image, words, torch.tensor(centre))
+        turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
+    expected = before.roll(-turns * SMALL.angles // 4, dims=1)
+    assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
+    assert not torch.allclose(turned, before, atol=1e-2 * float(before.abs().max()))
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_their_pick_does_not_turn_with_the_table(name):
+    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
+    turned = dataclasses.replace(
+        inputs,
+        image=torch.rot90(inputs.image, 1, dims=(-2, -1)),
+        coarse=torch.rot90(inputs.coarse, 1, dims=(-2, -1)),
+    )
+    with torch.no_grad():
+        expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL.angles // 4, dims=1)
+        assert (policy.score_pick(turned) - expected).abs().max() > 0.1 * expected.abs().max()
+
+
+def test_turned_crops_keep_the_pick_at_their_centre():
+    image = torch.zeros(1, 1, 40, 40)
+    image[0, 0, 10, 30] = 1.0
+    image[0, 0, 10, 34] = 0.5  # four pixels to the right of the pick
+    crops = turned_crops(image, torch.tensor([[10, 30]]), torch.tensor(angle_bins(4)).float(), 15)[0, :, 0]
+    assert torch.allclose(crops[:, 7, 7], torch.ones(4), atol=1e-5)
+    # Counter-clockwise: right, up, left, down.
+    for crop, (row, col) in zip(crops, [(7, 11), (3, 7), (7, 3), (11, 7)], strict=True):
+        assert crop[row, col] == pytest.approx(0.5, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_each_phrase_reaches_its_own_module(name):
+    policy, inputs, picks = without_clip(name), random_inputs(name, 32, 32), torch.tensor([[12, 20]])
+    other = F.normalize(torch.randn(1, D), dim=1)
+    with torch.no_grad():
+        pick, place = policy.score_pick(inputs), policy.score_place(inputs, picks)
+        said = dataclasses.replace(inputs, pick_words=other)
+        assert not torch.allclose(policy.score_pick(said), pick)
+        assert torch.equal(policy.score_place(said, picks), place)
+        said = dataclasses.replace(inputs, place_words=other)
+        assert torch.equal(policy.score_pick(said), pick)
+        assert not torch.allclose(policy.score_place(said, picks), place)
+
+
+def test_cliport_multiplies_clips_features_with_the_words():
+    # A place whose features have nothing in common with the words tells the networks nothing.
+    policy, inputs = without_clip("cliport"), random_inputs("cliport", 32, 32)
+    words = torch.zeros(1, D)
+    words[:, :8] = 1.0
+    unseen, seen = inputs.coarse.clone(), inputs.coarse.clone()
+    unseen[:, 8:] += 1.0
+    seen[:, :8] += 1.0
+    with torch.no_grad():
+        plain, same, other = (
+            policy.score_pick(dataclasses.replace(inputs, coarse=coarse, pick_words=words))
+            for coarse in (inputs.coarse, unseen, seen)
+        )
+    assert torch.equal(plain, same)
+    assert not torch.allclose(plain, other)
+
+
+def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
+    steps = numbered_steps(demo_set[1])
+    for (_, step), prepared in zip(steps, trained_on("cliport")[1], strict=True):
+        score = torch.einsum("dhw,d->hw", prepared.with_image.coarse, prepared.with_image.pick_words)
+        row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
+        assert score.shape == (20, 10)
+        assert score[row, col] > score.median() + 0.2, step.instruction
+
+
+def test_dense_features_lie_where_the_picture_does(model):
+    # Half a turn of the picture is half a turn of the map, as nearly as the tower allows: a map that lay
+    # half a cell off would be worse than one that is moved back by a cell.
+    rng = np.random.default_rng(0)
+    picture = np.kron(rng.integers(0, 255, (20, 10, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+    plain, turned = model.embed_dense(picture, 20), model.embed_dense(picture[::-1, ::-1], 20).flip(1, 2)
+    assert plain.shape == (model.dim, 20, 10)
+    assert torch.allclose(plain.norm(dim=0), torch.ones(20, 10), atol=1e-5)
+
+    def error(shift):
+        return float((turned.roll(shift, (1, 2)) - plain)[:, 3:-3, 3:-3].norm())
+
+    assert error((0, 0)) < min(error((1, 1)), error((-1, -1)), error((1, 0)), error((0, -1)))
+
+
+def test_augmentation_moves_coarse_features_along(trained_on):
+    from gem_lite.augment import apply
+
+    sample = trained_on("cliport")[1][0].with_image
+    coarse = torch.zeros(1, 20, 10)
+    coarse[0, 8:10, 3:5] = 1.0
+    image = F.interpolate(coarse[None], scale_factor=8, mode="nearest")[0]
+    moved = apply(ImageMotion(0.5, (12.0, 8.0)), dataclasses.replace(sample, image=image, coarse=coarse))
+
+    def centre(picture, cell):
+        rows, cols = torch.meshgrid(*(torch.arange(float(n)) for n in picture.shape), indexing="ij")
+        return [float((axis * picture).sum() / picture.sum()) * cell + (cell - 1) / 2 for axis in (rows, cols)]
+
+    assert centre(moved.coarse[0], 8) == pytest.approx(centre(moved.image[0], 1), abs=0.6)
+    assert moved.image[0].argmax() != image[0].argmax()
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_a_gradient_step_lowers_both_losses_and_reaches_every_weight(name, trained_on):
+    policy, prepared = trained_on(name)
+    batch = make_batch(prepared, SMALL, np.random.default_rng(0))
+    before = policy.losses(batch)
+    assert set(before) == set(policy.modules)
+    for role, module in policy.modules.items():
+        optimizer = torch.optim.Adam(module.parameters(), lr=1e-3)
+        before[role].backward()
+        assert [key for key, parameter in module.named_parameters() if parameter.grad is None] == []
+        optimizer.step()
+    after = policy.losses(batch)
+    for role, loss in before.items():
+        assert after[role] < loss
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_mixed_precision_keeps_the_loss(name, trained_on):
+    # What a GPU does, on the CPU: networks in bfloat16, correlation and loss in float32.
+    policy, prepared = trained_on(name)
+    batch = make_batch(prepared, SMALL, np.random.default_rng(0))
+    exact = policy.losses(batch)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = policy.losses(batch)
+    for role, loss in mixed.items():
+        assert loss.dtype == torch.float32
+        assert loss.item() == pytest.approx(exact[role].item(), rel=0.02)
+        loss.backward()
+        gradients = [parameter.grad for parameter in policy.modules[role].parameters()]
+        assert all(torch.isfinite(gradient).all() for gradient in gradients)
+
+
+def test_sizes_are_those_of_table_a1():
+    def count(name, config, dim):
+        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim))
+        return sum(parameter_count(module) for module in policy.modules.values())
+
+    lite = {name: count(name, LITE, 128) for name in methods.METHODS}
+    assert max(lite.values()) < 1e6
+    assert max(lite.values()) < 1.4 * min(lite.values())
+    assert count("gem", PAPER, 512) == pytest.approx(5.7e6, rel=0.02)
+    assert count("transporter-lan", PAPER, 512) == pytest.approx(6.6e6, rel=0.2)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_checkpoints_bring_back_the_method(name, trained_on, model, tmp_path, demo_set):
+    policy, _ = trained_on(name)
+    save_policy(policy, tmp_path / "policy.safetensors", {"task": "t", "demos": 2, "seed": 1})
+    loaded = load_policy(tmp_path / "policy.safetensors", model)
+    assert type(loaded) is type(policy)
+    assert loaded.name == name
+    assert train.read_card(tmp_path / "policy.safetensors")["method"] == name
+    step = demo_set[1][0].steps[0]
+    before, after = (one.decide(step.observation, step.instruction) for one in (policy, loaded))
+    assert np.array_equal(before.place_logits, after.place_logits)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_training_is_the_same_loop(name, trained_on, tmp_path):
+    policy, prepared = trained_on(name)
+    policy.config = dataclasses.replace(SMALL, steps=3, batch=1)
+    before = policy.losses([prepared[0].with_image])
+    train.train(policy, prepared, seed=0, run=tmp_path)
+    after = policy.losses([prepared[0].with_image])
+    assert after["pick"] != before["pick"]
+    assert after["place"] != before["place"]
+    assert torch.load(tmp_path / "state.pt")["identity"]["method"] == name
+
+
+def test_wrong_names_are_answered_with_the_right_ones():
+    with pytest.raises(ValueError, match=r"method must be one of gem, transporter-lan, cliport, .*got 'transporter'"):
+        methods.find("transporter", LITE)
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_a_missing_view_is_named_before_anything_is_computed(name, model, demo_set):
+    good, bad = demo_set[1]
+    step = bad.steps[0]
+    one_eyed = dataclasses.replace(step, observation=Observation(step.observation.views[:2]))
+    bad = dataclasses.replace(bad, steps=(one_eyed, *bad.steps[1:]))
+    with pytest.raises(ValueError, match=rf"demonstration 1 \(seed {bad.seed}\) .* without the view of camera right"):
+        methods.METHODS[name](SMALL, model).prepare([good, bad])

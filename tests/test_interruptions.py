@@ -1,0 +1,200 @@
+"""Training that goes wrong: each way ends in a clear sentence, with the last good state or checkpoint whole."""
+
+import dataclasses
+import errno
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, train
+from gem_lite.config import LITE
+from gem_lite.gem import Policy
+from gem_lite.train import load_policy, save_policy
+
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
+    steps=4, batch=1,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def prepared(model, demo_set):
+    policy = Policy(SMALL, model)
+    return policy.prepare(demo_set[1]), policy.memory
+
+
+def weights(policy: Policy) -> torch.Tensor:
+    return torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()])
+
+
+def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
+    steps, memory = prepared
+    monkeypatch.setattr(train, "SAVE_EVERY", 1)
+    calls = []
+    honest = Policy.losses
+
+    def spoilt(*args):
+        calls.append(1)
+        losses = honest(*args)
+        return losses | {"pick": losses["pick"] * float("nan")} if len(calls) == 3 else losses
+
+    monkeypatch.setattr(Policy, "losses", spoilt)
+    with pytest.raises(FloatingPointError, match=r"pick loss is nan at step 2; .*state.pt holds step 2, intact"):
+        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    assert torch.load(tmp_path / "state.pt")["step"] == 2
+
+
+def test_a_gradient_that_is_not_finite_never_reaches_the_weights(prepared, model, tmp_path, monkeypatch):
+    steps, memory = prepared
+    honest = Policy.losses
+
+    def steep(*args):
+        losses = honest(*args)
+        return losses | {"place": (losses["place"] * 0).sqrt()}  # 0, with a slope of infinity times 0
+
+    monkeypatch.setattr(Policy, "losses", steep)
+    policy = Policy(SMALL, model, memory)
+    before = [parameter.clone() for parameter in policy.place.parameters()]
+    with pytest.raises(FloatingPointError, match="place gradient is nan at step 0; no state had been saved yet"):
+        train.train(policy, steps, seed=0, run=tmp_path)
+    assert all(torch.equal(old, new) for old, new in zip(before, policy.place.parameters(), strict=True))
+
+
+def fail_from_the_nth_write(monkeypatch, n, suffix):
+    """From the n-th file whose name holds ``suffix`` on, the disk is full."""
+    calls, honest = [], Path.write_bytes
+
+    def write(path, content):
+        if suffix in path.name:
+            calls.append(path)
+            if len(calls) >= n:
+                honest(path, content[: len(content) // 2])
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return honest(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+
+
+def test_a_full_disk_leaves_the_last_state(prepared, model, tmp_path, monkeypatch):
+    steps, memory = prepared
+    monkeypatch.setattr(train, "SAVE_EVERY", 1)
+    with monkeypatch.context() as patch:
+        fail_from_the_nth_write(patch, 3, "state")
+        with pytest.raises(OSError, match=r"state of step 3 cannot be saved .*No space left.* holds step 2, intact"):
+            train.train(Policy(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "full")
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["state.pt"]
+    resumed, whole = Policy(SMALL, model, memory), Policy(SMALL, model, memory, seed=3)
+    train.train(resumed, steps, seed=3, run=tmp_path / "full")
+    train.train(whole, steps, seed=3, run=tmp_path / "whole")
+    assert torch.allclose(weights(resumed), weights(whole), atol=1e-6)
+
+
+@pytest.mark.parametrize("file", ["safetensors", "json"])
+def test_a_full_disk_leaves_the_old_checkpoint(file, prepared, model, tmp_path, monkeypatch):
+    old, path = Policy(SMALL, model, prepared[1], seed=1), tmp_path / "policy.safetensors"
+    save_policy(old, path, {})
+    with monkeypatch.context() as patch:
+        fail_from_the_nth_write(patch, 1, file)
+        with pytest.raises(OSError, match="No space left"):
+            save_policy(Policy(SMALL, model, prepared[1], seed=2), path, {})
+    assert torch.equal(weights(load_policy(path, model)), weights(old))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
+
+
+KILLED = """
+import pickle, sys, types
+from pathlib import Path
+from gem_lite import train
+from gem_lite.gem import Policy
+run = Path(sys.argv[1])
+settings, dim, steps = pickle.loads((run / "given").read_bytes())
+train.SAVE_EVERY = 1
+train.train(Policy(settings, types.SimpleNamespace(dim=dim), seed=3), steps, seed=3, run=run)
+"""
+
+
+def test_a_kill_at_any_moment_leaves_a_state_to_go_on_from(prepared, model, tmp_path):
+    # SIGKILL, which no handler sees, while the child does nothing but step and save.
+    steps, _ = prepared
+    settings = dataclasses.replace(SMALL, steps=25)
+    (tmp_path / "given").write_bytes(pickle.dumps((settings, model.dim, steps)))
+    child = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], stderr=subprocess.DEVNULL)
+    state = tmp_path / "state.pt"
+    deadline = time.time() + 60
+    while not state.exists() and child.poll() is None and time.time() < deadline:
+        time.sleep(0.005)
+    time.sleep(float(np.random.default_rng().uniform(0, 0.05)))
+    child.send_signal(signal.SIGKILL)
+    assert child.wait() == -signal.SIGKILL, "the child should still have been training"
+    assert 1 <= torch.load(state)["step"] < settings.steps
+    resumed, whole = (Policy(settings, types.SimpleNamespace(dim=model.dim), seed=seed) for seed in (99, 3))
+    train.train(resumed, steps, seed=3, run=tmp_path)
+    train.train(whole, steps, seed=3, run=tmp_path / "whole")
+    assert torch.allclose(weights(resumed), weights(whole), atol=1e-4)
+
+
+def run_main(monkeypatch, capsys, *arguments):
+    """(exit status, what was written to stderr) of ``python -m gem_lite.train ARGUMENTS``."""
+    monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
+    with pytest.raises(SystemExit) as exit_:
+        train.main()
+    return exit_.value.code, capsys.readouterr().err
+
+
+def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatch, capsys):
+    folder, checkpoint = demo_set[0], tmp_path / "policy.safetensors"
+    monkeypatch.chdir(tmp_path)
+    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--method", "gpt")
+    assert code == 2
+    assert "invalid choice: 'gpt'" in said
+    assert "transporter-lan" in said
+    code, said = run_main(monkeypatch, capsys, tmp_path / "nowhere", checkpoint)
+    assert code == 2
+    assert "holds no demonstrations" in said
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--device", "cuda")
+    assert code == 2
+    assert "no GPU" in said
+
+    def stopped(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train, "train", stopped)
+    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--method", "transporter-lan")
+    assert code == 130
+    assert "the same command goes on" in said
+    assert not checkpoint.exists()
+
+
+def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(train.config.CONFIGS, "lite", SMALL)
+    arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--steps", 2, "--seed", 4)
+    with monkeypatch.context() as patch:
+        fail_from_the_nth_write(patch, 1, "safetensors")
+        code, said = run_main(patch, capsys, *arguments)
+    assert code == 2
+    assert "No space left" in said
+    assert torch.load(tmp_path / "runs" / "t" / "state.pt")["step"] == 2
+    monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
+    train.main()
+    said = capsys.readouterr().out
+    assert "resuming at step 2" in said
+    assert "transporter-lan on 2 demonstrations" in said
+    card = train.read_card(tmp_path / "t.safetensors")
+    assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
+    assert not (tmp_path / "runs" / "t" / "state.pt").exists()
