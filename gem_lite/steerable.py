@@ -79,6 +79,7 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=6)
+@torch.inference_mode(False)  # what a decision made first, training must be able to use
 def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """`harmonics` as tensors, the orders real and the rest complex."""
     orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
@@ -136,6 +137,7 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _lift_map(
     size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[torch.Tensor, torch.Tensor]:

@@ -290,6 +290,18 @@ def test_gradients_equal_those_of_rotating_first():
         assert torch.allclose(one, other, atol=1e-9)
 
 
+def test_training_after_a_decision():
+    # A decision in inference mode fills the tables that training uses next.
+    kernel, features = torch.randn(1, 1, 7, 7), torch.randn(1, 1, 9, 9)
+    steerable._lift_map.cache_clear(), steerable._turning.cache_clear()
+    with torch.inference_mode():
+        SteerableKernel.lift(kernel, 20, 3).correlate(features)
+        turn(kernel, torch.zeros(1))
+    kernel.requires_grad_()
+    (SteerableKernel.lift(kernel, 20, 3).correlate(features).abs().sum() + turn(kernel, torch.ones(1)).sum()).backward()
+    assert kernel.grad.abs().sum() > 0
+
+
 def test_bad_arguments_are_named():
     for kernel in (torch.zeros(1, 1, 4, 4), torch.zeros(1, 1, 3, 5), torch.zeros(3, 3)):
         for call in (lambda k: orbit(k, 8), lambda k: SteerableKernel.lift(k, 8, 2), band_limited):
