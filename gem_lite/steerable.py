@@ -137,7 +137,7 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
 
 
 @lru_cache(maxsize=16)
-@torch.inference_mode(False)  # what a decision made first, training must be able to use
+@torch.inference_mode(False)
 def _lift_map(
     size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[torch.Tensor, torch.Tensor]:

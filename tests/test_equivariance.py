@@ -19,6 +19,11 @@ ASYMMETRIC = [j for j in range(N) if j not in (0, 6)]
 ANGLES = 2 * math.pi * torch.arange(N, dtype=torch.float64) / N
 
 
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(0)
+
+
 def picture(channels: int, size: int, seed: int = 0, spread: float = 0.35) -> torch.Tensor:
     """(1, channels, size, size) float64: smooth, without symmetry, inside the disc."""
     generator = torch.Generator().manual_seed(seed)

@@ -14,6 +14,7 @@ from gem_lite.steerable import (
     correlate,
     disc,
     fourier,
+    harmonics,
     orbit,
     peak,
     sample,
@@ -21,6 +22,11 @@ from gem_lite.steerable import (
 )
 
 H = 9
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(0)
 
 
 def smooth_kernel(channels: int = 2, size: int = H, seed: int = 0) -> torch.Tensor:
@@ -94,12 +100,14 @@ def test_equals_a_kernel_turned_by_formula(size, shape, channels, orders, rotati
 
 @pytest.mark.parametrize("size", [1, 3, 5, 17, 33])
 def test_band_limiting_keeps_what_is_smooth_and_is_a_projection(size):
-    kernel = torch.randn(2, 3, size, size, dtype=torch.float64)
+    kernel = torch.randn(50, 3, size, size, dtype=torch.float64)
     kept = band_limited(kernel)
     assert torch.allclose(band_limited(kept), kept, atol=1e-12)
     assert kept[..., ~disc(size)].abs().sum() == 0
     share = float((kept**2).sum() / (kernel[..., disc(size)] ** 2).sum())
-    assert 0.5 < share < 1 + 1e-12
+    orders, analysis, synthesis = harmonics(size)
+    assert share == pytest.approx(len(orders) / int(disc(size).sum()), abs=0.05)
+    assert np.allclose(synthesis @ analysis.T, np.eye(len(orders)), atol=1e-10)  # coefficients to pixels and back
     assert ((kernel - kept) * kept)[..., disc(size)].sum().abs() < 1e-9 * float((kernel**2).sum())  # least squares
     if size >= 17:
         smooth = smooth_kernel(size=size)
@@ -315,13 +323,15 @@ def test_plain_kernels_are_correlated_each_alone(count):
         correlate(features[:1], kernels)
 
 
-def test_training_can_follow_a_decision():
-    # The maps that a decision computes first are kept for all; they must not be inference tensors.
-    steerable._lift_map.cache_clear()
+def test_training_after_a_decision():
+    # A decision in inference mode fills the tables that training uses next.
+    kernel, features = torch.randn(1, 1, 7, 7), torch.randn(1, 1, 9, 9)
+    steerable._lift_map.cache_clear(), steerable._turning.cache_clear()
     with torch.inference_mode():
-        SteerableKernel.lift(torch.randn(1, 1, 5, 5), 8, 2)
-    kernel = torch.randn(1, 1, 5, 5, requires_grad=True)
-    SteerableKernel.lift(kernel, 8, 2).coefficients.abs().sum().backward()
+        SteerableKernel.lift(kernel, 20, 3).correlate(features)
+        turn(kernel, torch.zeros(1))
+    kernel.requires_grad_()
+    (SteerableKernel.lift(kernel, 20, 3).correlate(features).abs().sum() + turn(kernel, torch.ones(1)).sum()).backward()
     assert kernel.grad.abs().sum() > 0
 
 
