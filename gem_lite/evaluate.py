@@ -6,6 +6,7 @@ import argparse
 import json
 import multiprocessing
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -182,6 +183,11 @@ def result_row(method: str, task_name: str, found: Sequence[Episode], subset: st
     }  # fmt: skip
 
 
+def results_file(task_name: str) -> Path:
+    """Where a task's rows belong: one file for a family, seen and unseen sets together."""
+    return RESULTS / f"{re.sub('-(un)?seen(-colors)?$', '', task_name)}.jsonl"
+
+
 def read_rows(path: Path) -> list[dict]:
     """The rows of a JSON-lines file; none if there is no such file."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
@@ -215,7 +221,7 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
     parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--out", type=Path, default=RESULTS / "put-block-in-bowl.jsonl", help="results file")
+    parser.add_argument("--out", type=Path, help="results file (default: the task family's in data/results)")
     args = parser.parse_args()
     try:
         found = evaluate(
@@ -237,7 +243,7 @@ def main() -> None:
         rows.append(result_row(args.method, args.task, both_new, "both named colours new", facts))
     for row in rows:
         print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
-    file_rows(rows, args.out)
+    file_rows(rows, args.out or results_file(args.task))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import pytest
 from gem_lite import clip, evaluate
 from gem_lite.config import LITE
 from gem_lite.evaluate import Episode, file_rows, mean_and_interval, result_row
+from gem_lite.tabletop import tasks
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -17,8 +18,6 @@ def test_rounding_to_pixels_and_angles_keeps_the_expert_perfect(world):
 
 
 def test_rounding_is_at_most_half_a_pixel_and_half_a_bin(world):
-    from gem_lite.tabletop import tasks
-
     observation = world.reset(tasks.make(TASK, "val"), tasks.episode_seed("val", 1))
     exact = evaluate.expert(world, observation)
     rounded = evaluate.rounded_expert(LITE)(world, observation)
@@ -89,3 +88,13 @@ def test_stored_rows_are_complete():
         assert row["episodes"] > 0
         assert row["ci95"][0] <= row["mean"] <= row["ci95"][1]
         assert (row["method"] != "gem") or (row["demos"] and row["clip"] and row["checkpoint_sha256"])
+
+
+def test_every_task_family_has_a_results_file_of_its_own():
+    files = {name: evaluate.results_file(name).name for name in tasks.NAMES}
+    assert (
+        files["put-block-in-bowl-unseen-colors"] == files["put-block-in-bowl-seen-colors"] == "put-block-in-bowl.jsonl"
+    )
+    assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
+    assert files["block-insertion"] == "block-insertion.jsonl"
+    assert len(set(files.values())) == 5
