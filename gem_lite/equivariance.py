@@ -16,7 +16,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-from gem_lite.se2 import rotate_image
+from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import disc, fourier, orbit, turn
 
 Turn = Callable[[torch.Tensor, float], torch.Tensor]
@@ -183,14 +183,10 @@ def bi_equivariance_errors(
             ),
         )
 
-    return np.stack([row(j, angle) for j, angle in enumerate(_angles(rotations))])
-
-
-def _angles(rotations: int) -> list[float]:
-    return [2 * math.pi * j / rotations for j in range(rotations)]
+    return np.stack([row(j, angle) for j, angle in enumerate(angle_bins(rotations).tolist())])
 
 
 def _errors(rotations: int, pair: Callable[[int, float], tuple[torch.Tensor, torch.Tensor]]) -> np.ndarray:
     """The error of what ``pair(j, theta_j)`` found against what it expected, for every g_j."""
     with torch.no_grad():
-        return np.array([relative_error(*pair(j, angle)) for j, angle in enumerate(_angles(rotations))])
+        return np.array([relative_error(*pair(j, angle)) for j, angle in enumerate(angle_bins(rotations).tolist())])

@@ -32,6 +32,8 @@ import torch
 from scipy.fft import next_fast_len
 from scipy.special import jn_zeros, jv
 
+from gem_lite.se2 import angle_bins
+
 BLOCK = 2**18
 """Complex numbers that one block of kernels' spectra may hold: small enough for a core's cache."""
 
@@ -119,7 +121,7 @@ def orbit(kernel: torch.Tensor, rotations: int) -> torch.Tensor:
     Returns:
         (B, n, C, h, h); entry i is turned counter-clockwise by 2 pi i / n.
     """
-    return turn(kernel, 2 * math.pi * torch.arange(rotations, dtype=kernel.dtype, device=kernel.device) / rotations)
+    return turn(kernel, torch.from_numpy(angle_bins(rotations)).to(kernel.device))
 
 
 def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
