@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import safetensors.torch
@@ -31,6 +32,22 @@ SAVE_EVERY = 100
 """Steps between two saves of the training state: a killed run loses at most these."""
 
 
+class Cost(NamedTuple):
+    """What a training took, its earlier parts included: seconds on the clock, and of all CPU cores together."""
+
+    seconds: float
+    cpu_seconds: float
+
+    @classmethod
+    def now(cls) -> Cost:
+        """The two clocks' readings; the difference of two readings is a cost."""
+        return cls(time.time(), time.process_time())
+
+    def since(self, began: Cost) -> Cost:
+        """What has been spent from ``began`` to here."""
+        return Cost(self.seconds - began.seconds, self.cpu_seconds - began.cpu_seconds)
+
+
 def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator) -> list[Sample]:
     """Draw steps, hide the image-conditioned map now and then, and move each by a random motion."""
     batch = []
@@ -42,10 +59,8 @@ def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.rando
     return batch
 
 
-def train(
-    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu"
-) -> float:
-    """Train a policy's modules in place; returns the seconds spent on it in all.
+def train(policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu") -> Cost:
+    """Train a policy's modules in place; returns what was spent on it in all.
 
     Resumes from ``run`` if a training of the same method, configuration, data and seed was stopped there;
     the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe.
@@ -59,7 +74,7 @@ def train(
     modules = {name: module.to(device).train() for name, module in policy.modules.items()}
     optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
     identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
-    state_file, saved, spent = run / "state.pt", 0, 0.0
+    state_file, saved, spent = run / "state.pt", 0, Cost(0.0, 0.0)
     run.mkdir(parents=True, exist_ok=True)
     if state_file.exists():
         state = torch.load(state_file, map_location=device)
@@ -71,15 +86,15 @@ def train(
         for name, module in modules.items():
             module.load_state_dict(state[name])
             optimizers[name].load_state_dict(state[f"{name}_optimizer"])
-        saved, spent = state["step"], state["seconds"]
+        saved, spent = state["step"], Cost(*state["cost"])
         print(f"resuming at step {saved} from {state_file}")
-    began = time.time() - spent
+    began = Cost.now().since(spent)
 
     def last_good() -> str:
         return f"{state_file} holds step {saved}, intact" if saved else "no state had been saved yet"
 
     def store(step: int) -> None:
-        state = {"identity": identity, "step": step, "seconds": time.time() - began}
+        state = {"identity": identity, "step": step, "cost": tuple(Cost.now().since(began))}
         for name, module in modules.items():
             state |= {name: module.state_dict(), f"{name}_optimizer": optimizers[name].state_dict()}
         # Into memory first: torch's own writer reports a full disk as it likes, and not always.
@@ -117,7 +132,7 @@ def train(
             saved = step + 1
     for module in modules.values():
         module.cpu()
-    return time.time() - began
+    return Cost.now().since(began)
 
 
 def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
@@ -206,6 +221,13 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     return policy
 
 
+def hardware(device: str) -> str:
+    """What trains, in words: the GPU's name, or how many of how many CPU cores."""
+    if device != "cpu":
+        return torch.cuda.get_device_name()
+    return f"{torch.get_num_threads()} of {os.cpu_count()} CPU cores"
+
+
 def main() -> None:
     """Command line: see ``python -m gem_lite.train --help``."""
     parser = argparse.ArgumentParser(
@@ -237,14 +259,15 @@ def main() -> None:
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)
-        seconds = train(policy, policy.prepare(demos), args.seed, run, args.device)
+        cost = train(policy, policy.prepare(demos), args.seed, run, args.device)
         facts = {
             "task": demos[0].task,
             "demos": len(demos),
-            "data_sha256": demonstrations.data_hash(args.demonstrations),
+            "data_sha256": demonstrations.data_hash(args.demonstrations, args.episodes),
             "seed": args.seed,
-            "train_seconds": round(seconds, 1),
-            "hardware": f"{os.cpu_count()} CPU cores" if args.device == "cpu" else torch.cuda.get_device_name(),
+            "train_seconds": round(cost.seconds, 1),
+            "train_cpu_seconds": round(cost.cpu_seconds, 1),
+            "hardware": hardware(args.device),
         }
         save_policy(policy, args.checkpoint, facts)
     except (OSError, ValueError, FloatingPointError) as error:
@@ -253,7 +276,9 @@ def main() -> None:
         parser.exit(130, f"\nstopped; the same command goes on from the last state in {run}\n")
     with contextlib.suppress(FileNotFoundError):
         (run / "state.pt").unlink()
-    print(f"wrote {args.checkpoint} after {seconds:.0f} s of training {policy.name} on {len(demos)} demonstrations")
+    print(
+        f"wrote {args.checkpoint} after {cost.seconds:.0f} s of training {policy.name} on {len(demos)} demonstrations"
+    )
 
 
 if __name__ == "__main__":
