@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -59,11 +59,17 @@ def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.rando
     return batch
 
 
-def train(policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu") -> Cost:
+def train(
+    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
+    watch: Callable[[int, dict[str, float]], None] | None = None,
+) -> Cost:  # fmt: skip
     """Train a policy's modules in place; returns what was spent on it in all.
 
     Resumes from ``run`` if a training of the same method, configuration, data and seed was stopped there;
     the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe.
+
+    Args:
+        watch: called with every step's number and losses.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
@@ -71,7 +77,8 @@ def train(policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, 
         OSError: the state cannot be saved; the last saved one stays intact.
     """
     settings = policy.config
-    modules = {name: module.to(device).train() for name, module in policy.modules.items()}
+    # Convolutions of few channels run a fifth faster with the channels innermost in memory.
+    modules = {name: m.to(device, memory_format=torch.channels_last).train() for name, m in policy.modules.items()}
     optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
     identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
     state_file, saved, spent = run / "state.pt", 0, Cost(0.0, 0.0)
@@ -125,13 +132,15 @@ def train(policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, 
             if not torch.isfinite(norm):
                 raise FloatingPointError(f"the {name} gradient is {norm.item()} at step {step}; {last_good()}")
             optimizer.step()
+        if watch:
+            watch(step, {name: loss.item() for name, loss in losses.items()})
         if step % 10 == 0:
             bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in losses.items()})
         if (step + 1) % SAVE_EVERY == 0 or step + 1 == settings.steps:
             store(step + 1)
             saved = step + 1
     for module in modules.values():
-        module.cpu()
+        module.to("cpu", memory_format=torch.contiguous_format)
     return Cost.now().since(began)
 
 
