@@ -12,7 +12,7 @@ import numpy as np
 import pybullet as p
 
 from gem_lite.policy import Choice, PickPlacePolicy
-from gem_lite.se2 import Pose2, wrap
+from gem_lite.se2 import Pose2, angle_off
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.tasks import ExpertAction
 from gem_lite.tabletop.world import World
@@ -34,13 +34,6 @@ def thing_at(world: World, pose: Pose2) -> str:
     return world.task.names.get(hit[0], "table")
 
 
-def turned_off(angle: float, symmetry: float) -> float:
-    """How far (radians) an angle is from the nearest equivalent of 0; every angle is right if ``symmetry`` is 0."""
-    if symmetry == 0:
-        return 0.0
-    return abs(wrap(angle * 2 * math.pi / symmetry)) * symmetry / (2 * math.pi)
-
-
 def reason(choice: Choice, expert: ExpertAction, wanted: tuple[str, str], found: tuple[str, str], grasped: bool) -> str:
     """One line on what was wrong with an action, the first cause first.
 
@@ -52,12 +45,12 @@ def reason(choice: Choice, expert: ExpertAction, wanted: tuple[str, str], found:
     if found[0] != wanted[0]:
         return f"picked the {found[0]}, not the {wanted[0]}"
     if not grasped:
-        turn = math.degrees(turned_off(done.pick.yaw - right.pick.yaw, expert.pick_symmetry))
+        turn = math.degrees(angle_off(done.pick.yaw - right.pick.yaw, expert.pick_symmetry))
         return f"grasped nothing of the {wanted[0]}, {turn:.0f}° off"
     if found[1] != wanted[1]:
         return f"placed on the {found[1]}, not on the {wanted[1]}"
     gap = 1000 * math.hypot(done.place.x - right.place.x, done.place.y - right.place.y)
-    turn = math.degrees(turned_off(done.delta - right.delta, expert.place_symmetry))
+    turn = math.degrees(angle_off(done.delta - right.delta, expert.place_symmetry))
     return f"placed {gap:.0f} mm and {turn:.0f}° off"
 
 

@@ -109,13 +109,6 @@ def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):
     assert "holds no demonstrations" in (tmp_path / "logs" / f"{experiment.name}.log").read_text()
 
 
-def test_turned_off_counts_to_the_nearest_equivalent_angle():
-    assert failures.turned_off(np.radians(100), np.pi / 2) == pytest.approx(np.radians(10))
-    assert failures.turned_off(np.radians(-170), np.pi) == pytest.approx(np.radians(10))
-    assert failures.turned_off(np.radians(-170), 2 * np.pi) == pytest.approx(np.radians(170))
-    assert failures.turned_off(1.0, 0.0) == 0.0
-
-
 def judged(done: Action, found: tuple[str, str], grasped: bool = True) -> str:
     right = ExpertAction(Action(Pose2(0.5, 0.0, 0.0), Pose2(0.6, 0.0, 0.0)), np.pi / 2, 2 * np.pi)
     choice = Choice("", None, None, None, None, (0, 0, 0), (0, 0, 0), done)
