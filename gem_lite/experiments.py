@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from gem_lite import clip, evaluate, methods
+from gem_lite import clip, evaluate, methods, pointing
 from gem_lite.config import ABLATIONS
 from gem_lite.tabletop import tasks
 
@@ -33,7 +33,7 @@ class Experiment:
     """A method trained on the first ``demos`` demonstrations of a task, then measured.
 
     Attributes:
-        method: see `methods.NAMES` and `evaluate.SCRIPTED`; the latter are not trained.
+        method: see `methods.NAMES`, `evaluate.SCRIPTED` and `pointing.METHOD`; the latter two are not trained.
         episodes: test episodes of the task, and as many of its unseen variant if it has one.
     """
 
@@ -46,7 +46,7 @@ class Experiment:
     @property
     def scripted(self) -> bool:
         """Whether there is nothing to train."""
-        return self.method in evaluate.SCRIPTED
+        return self.method in (*evaluate.SCRIPTED, pointing.METHOD)
 
     @property
     def family(self) -> str:
@@ -80,14 +80,17 @@ class Experiment:
 
     def commands(self) -> list[list[str]]:
         """What has to run, one after the other: arguments of ``python -m``."""
-        found, rows = [], str(self.rows)
+        found, out = [], ["--out", str(self.rows)]
+        if self.method == pointing.METHOD:
+            count = str(self.episodes)
+            return [["gem_lite.pointing", "--task", task, "--scenes", count, *out] for task in self.measured_on]
         if not self.scripted and not self.checkpoint.exists():
             found.append(
                 ["gem_lite.train", str(demonstrations_of(self.task)), str(self.checkpoint), "--method", self.method,
                  "--episodes", str(self.demos), "--seed", str(self.seed), "--run", str(FOLDER / "state" / self.name)]
             )  # fmt: skip
         measure = [] if self.scripted else ["--checkpoint", str(self.checkpoint)]
-        measure += ["--episodes", str(self.episodes), "--processes", "1", "--out", rows]
+        measure += ["--episodes", str(self.episodes), "--processes", "1", *out]
         return found + [["gem_lite.evaluate", self.method, task, *measure] for task in self.measured_on]
 
     @property
@@ -106,6 +109,7 @@ PLAN = (
         ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
     *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
     *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS),
+    Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
 )  # fmt: skip

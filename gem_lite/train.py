@@ -28,8 +28,8 @@ from gem_lite.config import Config
 from gem_lite.crop_memory import CropMemory
 from gem_lite.policy import PickPlacePolicy, PreparedStep, Sample
 
-SAVE_EVERY = 100
-"""Steps between two saves of the training state: a killed run loses at most these."""
+SAVE_EVERY, SAVE_SECONDS = 100, 60
+"""Steps and seconds between two saves of the training state: a killed run loses at most the fewer of these."""
 
 
 class Cost(NamedTuple):
@@ -95,7 +95,7 @@ def train(
             optimizers[name].load_state_dict(state[f"{name}_optimizer"])
         saved, spent = state["step"], Cost(*state["cost"])
         print(f"resuming at step {saved} from {state_file}")
-    began = Cost.now().since(spent)
+    began, stored = Cost.now().since(spent), time.time()
 
     def last_good() -> str:
         return f"{state_file} holds step {saved}, intact" if saved else "no state had been saved yet"
@@ -136,9 +136,10 @@ def train(
             watch(step, {name: loss.item() for name, loss in losses.items()})
         if step % 10 == 0:
             bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in losses.items()})
-        if (step + 1) % SAVE_EVERY == 0 or step + 1 == settings.steps:
+        due = (step + 1) % SAVE_EVERY == 0 or time.time() - stored > SAVE_SECONDS
+        if due or step + 1 == settings.steps:
             store(step + 1)
-            saved = step + 1
+            saved, stored = step + 1, time.time()
     for module in modules.values():
         module.to("cpu", memory_format=torch.contiguous_format)
     return Cost.now().since(began)
