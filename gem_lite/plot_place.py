@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gem_lite.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
-from gem_lite.se2 import Action
+from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop.heightmap import HeightMap
 
 
@@ -76,5 +76,37 @@ def show_deltas(
         ax.grid(alpha=0.3)
     axes[0, 0].set_ylabel("predicted Δ (degrees)")
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+@dataclass(frozen=True)
+class CloseUp:
+    """A panel of `show_closeups`: a titled table from above, where a gripper went and where it should have gone."""
+
+    title: str
+    heightmap: HeightMap
+    chosen: Pose2
+    right: Pose2
+
+
+def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float = 0.11) -> Figure:
+    """The table around the right place, with the chosen pose in red and the right one in white; below, its heights.
+
+    Args:
+        radius: how much is shown, from the right place to the edge (m).
+    """
+    fig, axes = plt.subplots(2, len(panels), figsize=(1.9 * len(panels) + 0.6, 4.5), squeeze=False, layout="compressed")
+    for column, shown in zip(axes.T, panels, strict=True):
+        w = shown.heightmap.workspace
+        bare(column[0], shown.title).imshow(shown.heightmap.rgb)
+        heights = bare(column[1]).imshow(1000 * shown.heightmap.height, cmap="viridis", vmin=0, vmax=70)
+        row, col = w.to_pixel(shown.right.x, shown.right.y)
+        half = radius / w.pixel
+        draw_gripper(column[0], shown.right, w, "white")
+        draw_gripper(column[0], shown.chosen, w, PLACE_COLOR)
+        for ax in column:
+            ax.set(xlim=(col - half, col + half), ylim=(row + half, row - half))
+    fig.colorbar(heights, ax=axes[1], shrink=0.8, label="height (mm)")
     fig.suptitle(suptitle, fontsize=10)
     return fig

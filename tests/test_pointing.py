@@ -252,7 +252,7 @@ def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world)
         assert world.task.instruction.lower() == f"pack the {phrase} in the brown box"
 
 
-def test_packing_rows_count_maps_that_lie_on_the_piece(model, monkeypatch, tmp_path):
+def test_packing_rows_count_maps_that_point_at_the_piece(model, monkeypatch, tmp_path):
     found = pointing.play_packing("packing-shapes-seen", 2, model)
     assert [episode.index for episode in found] == [0, 1] and {e.reward for e in found} <= {0.0, 1.0}
     # A map that is highest on the bare corner of the table is right in no episode.
