@@ -26,12 +26,6 @@ from gem_lite.steerable import correlate
 from gem_lite.tabletop.cameras import View
 from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 
-JOINS = 2
-"""Levels at which a U-Net is told the words; the paper has 1, the bottleneck.
-
-`lite`'s bottleneck has cells of 0.1 m, twice the paper's and wider than a block; the next level has the paper's.
-"""
-
 
 def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:
     """Squares around pixels, of the picture turned about them: nothing is cut by turning.
@@ -96,8 +90,8 @@ class TransporterLan(PickPlacePolicy):
     def build(self) -> tuple[nn.Module, nn.Module]:
         """See `PickPlacePolicy`."""
         c, words = self.config, self.clip.dim
-        key, query = (UNet(RGBD, c.channels, words, c.widths, JOINS) for _ in range(2))
-        return UNet(RGBD, c.angles, words, c.widths, JOINS), KeyQuery(key, query, c)
+        key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
+        return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
 
     def see(self, views: Sequence[View]) -> TopView:
         """See `PickPlacePolicy`."""
