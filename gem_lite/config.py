@@ -49,7 +49,9 @@ class Config:
         kernel_widths: channels of the language kernel generator's three levels.
         fields: regular fields of the place kernel generator's layers.
         channels: channels that features and kernels share.
-        query: side of the baselines' crop at the pick (pixels, one less than a multiple of 16): 0.2 m as CLIPort's.
+        query: side of the baselines' crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
+        joins: at how many levels Transporter-Lan's U-Nets are told the words, from the bottleneck up. The paper's has
+            1; `lite`'s bottleneck has cells twice as wide, wider than a block, and its next level has the paper's.
         semantic_map, kernels, parsing, language_in_attention: what `ABLATIONS` switch.
         steps, batch, learning_rate: training.
     """
@@ -72,7 +74,8 @@ class Config:
     kernel_widths: tuple[int, ...] = (32, 48, 64)
     fields: int = 6
     channels: int = 3
-    query: int = 31
+    query: int = 15
+    joins: int = 2
     semantic_map: SemanticMap = "multi-view"
     kernels: Kernels = "steerable"
     parsing: bool = True
@@ -129,7 +132,8 @@ PAPER = Config(
     widths=(32, 64, 128, 256),
     kernel_widths=(32, 64, 128),
     fields=16,
-    query=63,
+    query=31,
+    joins=1,
     steps=30_000,
     batch=1,
     learning_rate=1e-4,

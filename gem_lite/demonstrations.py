@@ -230,9 +230,10 @@ def read_manifest(folder: Path) -> dict:
     return manifest
 
 
-def data_hash(folder: Path) -> str:
-    """One SHA-256 for a whole set, from its manifest."""
-    return hashlib.sha256(json.dumps(read_manifest(folder)["files"], sort_keys=True).encode()).hexdigest()
+def data_hash(folder: Path, episodes: int | None = None) -> str:
+    """One SHA-256 for a set, or for its first ``episodes``, from its manifest."""
+    files = sorted(read_manifest(folder)["files"].items())[:episodes]
+    return hashlib.sha256(json.dumps(dict(files)).encode()).hexdigest()
 
 
 def load(folder: Path) -> list[Demonstration]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from gem_lite import clip, colors, config, methods
@@ -156,29 +157,37 @@ def evaluate(
     return found
 
 
-def mean_and_interval(rewards: Sequence[float], seed: int = 0) -> tuple[float, tuple[float, float]]:
-    """Mean (0-100) of rewards in [0, 1] and its 95 % interval, by bootstrap over episodes with 10,000 draws.
+def mean_and_interval(rewards: ArrayLike, seed: int = 0) -> tuple[float, tuple[float, float]]:
+    """Mean (0-100) of rewards in [0, 1] and its 95 % interval, by bootstrap with 10,000 draws.
 
     Where all episodes got 0, or all 1, a bootstrap has no width: then the exact binomial bound is given.
+
+    Args:
+        rewards: (episodes,), or (training seeds, episodes) of the same episodes: then every draw draws both.
     """
-    values = 100 * np.asarray(rewards, float)
-    bound = 100 * 0.025 ** (1 / len(values))
+    values = 100 * np.atleast_2d(np.asarray(rewards, float))
+    seeds, episodes = values.shape
+    bound = 100 * 0.025 ** (1 / episodes)
     if np.allclose(values, 100):
         return 100.0, (round(bound, 1), 100.0)
     if np.allclose(values, 0):
         return 0.0, (0.0, round(100 - bound, 1))
-    draws = np.random.default_rng(seed).choice(values, (10_000, len(values))).mean(axis=1)
+    rng = np.random.default_rng(seed)
+    columns = rng.integers(episodes, size=(10_000, episodes))
+    # The mean over drawn seeds and episodes is a product of two countings with the table of rewards.
+    rows = rng.multinomial(seeds, [1 / seeds] * seeds, size=10_000) / seeds  # (draws, seeds)
+    draws = np.einsum("ds,sde->d", rows, values[:, columns]) / episodes
     low, high = np.percentile(draws, [2.5, 97.5])
     return round(float(values.mean()), 1), (round(float(low), 1), round(float(high), 1))
 
 
 def result_row(method: str, task_name: str, found: Sequence[Episode], subset: str, facts: dict) -> dict:
-    """One cell of a results table; ``not_full`` lists the episodes that did not reach the full reward."""
+    """One cell of a results table, with every episode's reward by its index."""
     mean, interval = mean_and_interval([episode.reward for episode in found])
     return {
         "method": method, "task": task_name, "subset": subset, "episodes": len(found),
         "mean": mean, "ci95": list(interval), **facts,
-        "not_full": [episode.index for episode in found if episode.reward < 0.99],
+        "rewards": {str(episode.index): round(episode.reward, 4) for episode in found},
         "date": datetime.now(UTC).date().isoformat(),
     }  # fmt: skip
 
@@ -221,21 +230,22 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
     parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
+    parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
     parser.add_argument("--out", type=Path, help="results file (default: the task family's in data/results)")
     args = parser.parse_args()
     try:
         found = evaluate(
             args.method, args.task, args.episodes, args.split, args.start,
-            checkpoint=args.checkpoint, clip_name=args.clip,
+            checkpoint=args.checkpoint, clip_name=args.clip, processes=args.processes,
         )  # fmt: skip
         card = {} if args.method in SCRIPTED else read_card(args.checkpoint)
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
     facts = {
         "split": args.split, "start": args.start,
-        "demos": card.get("demos"), "seed": card.get("seed"), "train_seconds": card.get("train_seconds"),
+        **{name: card.get(name) for name in ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware")},
         "config": card.get("config", {}).get("name", "lite"), "clip": card.get("clip", {}).get("name"),
-        "checkpoint_sha256": card.get("sha256"), "hardware": f"{os.cpu_count()} CPU cores",
+        "checkpoint_sha256": card.get("sha256"),
     }  # fmt: skip
     rows = [result_row(args.method, args.task, found, "all", facts)]
     both_new = [e for e in found if e.named_colors and set(e.named_colors) <= set(colors.NEW)]

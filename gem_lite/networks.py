@@ -41,9 +41,14 @@ class UNet(nn.Module):
     Four blocks with max-pooling halve the picture, four with bilinear upsampling bring it back; the
     language vector is joined to every pixel of the bottleneck, or left out if ``language_dim`` is None.
     H and W must be multiples of 16.
+
+    Args:
+        joins: at how many levels the language is joined, from the bottleneck upwards.
     """
 
-    def __init__(self, inputs: int, outputs: int, language_dim: int | None, widths: Sequence[int]) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, language_dim: int | None, widths: Sequence[int], joins: int = 1
+    ) -> None:
         super().__init__()
         ins = [inputs, *widths[:-1]]
         self.down = nn.ModuleList(ResidualBlock(i, o) for i, o in zip(ins, widths, strict=True))
@@ -52,8 +57,10 @@ class UNet(nn.Module):
         self.bottleneck = nn.Conv2d(joined, widths[-1], 1)
         ups = decoder_widths(widths)
         below = [widths[-1], *ups[:-1]]
+        told = [widths[-1]] * (joins - 1) + [0] * (len(ups) - joins + 1)
+        self.language_above = nn.ModuleList(nn.Linear(language_dim, width) for width in told if width)
         self.up = nn.ModuleList(
-            ResidualBlock(b + skip, o) for b, skip, o in zip(below, reversed(widths), ups, strict=True)
+            ResidualBlock(b + skip + t, o) for b, skip, t, o in zip(below, reversed(widths), told, ups, strict=True)
         )
         self.out = nn.Conv2d(widths[0], outputs, 1)
 
@@ -65,14 +72,16 @@ class UNet(nn.Module):
         for block in self.down:
             skips.append(block(x))
             x = F.max_pool2d(skips[-1], 2)
-        if self.language is not None:
-            words = self.language(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])
-            x = torch.cat([x, words], dim=1)
-        x = F.relu(self.bottleneck(x))
+
+        def join(layer: nn.Module, x: torch.Tensor) -> torch.Tensor:
+            return torch.cat([x, layer(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])], dim=1)
+
+        x = F.relu(self.bottleneck(x if self.language is None else join(self.language, x)))
         found = []
-        for block in self.up:
+        for level, block in enumerate(self.up):
             x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
-            x = block(torch.cat([x, skips.pop()], dim=1))
+            x = torch.cat([x, skips.pop()], dim=1)
+            x = block(join(self.language_above[level], x) if level < len(self.language_above) else x)
             found.append(x)
         return found
 

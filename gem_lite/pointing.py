@@ -24,7 +24,7 @@ from gem_lite import clip, colors, config, crop_memory, demonstrations, language
 from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.crop_memory import CropEntry, CropMemory
-from gem_lite.evaluate import CHUNK, RESULTS, file_rows, mean_and_interval
+from gem_lite.evaluate import CHUNK, RESULTS, Episode, file_rows, mean_and_interval, result_row, results_file
 from gem_lite.se2 import Pose2
 from gem_lite.semantic_map import SceneEmbedding
 from gem_lite.tabletop import shapes, tasks
@@ -47,6 +47,10 @@ PIECES, QUESTIONS = 10, 2
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TRAINING_SCENES = 10
 """Scenes of shapes, in seen colours, whose pieces stand for ten demonstrations' picks."""
+PACKING = ("packing-shapes-seen", "packing-shapes-unseen")
+"""Tasks whose episodes the map can be asked about: what the map alone would pick, as a method's rows."""
+METHOD = "map-pointing"
+"""The name of those rows."""
 IDENTITY = ("kind", "scenes", "map", "fingerprint", "config")
 """A row of the results replaces the older one that agrees in these."""
 
@@ -133,6 +137,35 @@ def lay_out_shapes(
     world.settle()
     asked = rng.choice(list(names.values()), QUESTIONS, replace=False).tolist()
     return _scene(world, seed, settings, world.observe().views, names, tuple(zip(asked, asked, strict=True)))
+
+
+def lay_out_packing(world: World, task_name: str, index: int, settings: Config = config.LITE) -> Scene:
+    """Test episode ``index`` of one of the `PACKING` tasks, as it begins; the pick's phrase asks for its piece."""
+    task, seed = tasks.make(task_name, "test"), tasks.episode_seed("test", index)
+    views = world.reset(task, seed).views
+    phrase = language.parse(task.instruction).pick
+    wanted = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
+    return _scene(world, seed, settings, views, task.names, ((phrase, wanted),))
+
+
+def play_packing(task_name: str, episodes: int, model: Clip, settings: Config = config.LITE) -> list[Episode]:
+    """Where the text-conditioned map alone points in the first test episodes; 1 if within `RADIUS`, else 0.
+
+    Not `Pointing.exact`: in the middle of a ring lies the table.
+
+    Raises:
+        ValueError: another task, or less than one episode.
+    """
+    if task_name not in PACKING or episodes < 1:
+        raise ValueError(f"needs one of {', '.join(PACKING)} and at least 1 episode, got {task_name!r}, {episodes}")
+    found = []
+    with World() as world:
+        for index in tqdm(range(episodes), desc=f"pointing, {task_name}", unit="episode"):
+            scene = lay_out_packing(world, task_name, index, settings)
+            embedding, question = semantic_map.embed_scene(scene.views, model, settings), scene.questions[0]
+            semantic = semantic_map.text_conditioned_map(embedding, question[0], model)
+            found.append(Episode(index, float(point(semantic, "fused", scene, question, settings).near), 0, ()))
+    return found
 
 
 def _scene(
@@ -296,23 +329,32 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.pointing --help``."""
     parser = argparse.ArgumentParser(
         description="Play the pointing game with every kind of semantic map; prints and files one row a map.",
-        epilog="example: python -m gem_lite.pointing --scenes 200 --kind shapes",
+        epilog="examples:\n  python -m gem_lite.pointing --scenes 200 --kind shapes"
+        "\n  python -m gem_lite.pointing --scenes 100 --task packing-shapes-unseen",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--scenes", type=int, default=200, help="how many scenes of a kind (default 200)")
     parser.add_argument("--kind", choices=KINDS, help="which scenes (default: both kinds)")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--out", type=Path, default=RESULTS / "pointing.jsonl", help="results file")
+    parser.add_argument("--task", choices=PACKING, help="instead: the test episodes of this task, text map alone")
+    parser.add_argument("--out", type=Path, help="results file (default: in data/results)")
     args = parser.parse_args()
     settings = config.LITE
     try:
         scene_seeds(args.scenes)
         model = clip.load(args.clip)
         facts = {"clip": model.name, "fingerprint": model.fingerprint, "config": settings.name}
+        if args.task:
+            facts |= {"split": "test", "start": 0} | dict.fromkeys(("demos", "seed", "train_cpu_seconds"))
+            row = result_row(METHOD, args.task, play_packing(args.task, args.scenes, model, settings), "all", facts)
+            file_rows([row], args.out or results_file(args.task))
+            print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
+            return
         for kind in [args.kind] if args.kind else KINDS:
             memory = demonstrated_crops(kind, model, settings)
             found = play(kind, args.scenes, memory, args.clip, settings)
             rows = result_rows(kind, found, {**facts, "crops": len(memory.entries)})
-            file_rows(rows, args.out, IDENTITY)
+            file_rows(rows, args.out or RESULTS / "pointing.jsonl", IDENTITY)
             for row in rows:
                 rates = (row[key] and "{mean} {ci95}".format(**row[key]) for key in (NEAR, "exact"))
                 print("{scenes}, {map}: near {}, exact {}, {phrases} phrases".format(*rates, **row), end=", ")

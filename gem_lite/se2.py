@@ -103,6 +103,14 @@ def quaternion(yaw: float) -> tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
 
 
+def angle_off(angle: float, symmetry: float) -> float:
+    """How far (radians) an angle is from 0 or its nearest equivalent: any multiple of ``symmetry``.
+
+    Every angle is right where ``symmetry`` is 0.
+    """
+    return abs(wrap(angle * 2 * math.pi / symmetry)) * symmetry / (2 * math.pi) if symmetry else 0.0
+
+
 def angle_bins(count: int) -> np.ndarray:
     """The ``count`` sampled angles 2 pi i / count, in radians."""
     return 2 * math.pi * np.arange(count) / count

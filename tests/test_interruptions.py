@@ -198,3 +198,28 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
     card = train.read_card(tmp_path / "t.safetensors")
     assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
     assert not (tmp_path / "runs" / "t" / "state.pt").exists()
+
+
+def test_the_paper_configuration_starts_and_resumes_on_a_cpu(demo_set, tmp_path, monkeypatch, capsys):
+    """30,000 steps at 320 x 160 are for a GPU; here the same command is stopped after one step, twice."""
+    run, honest, drawn = tmp_path / "run", train.make_batch, []
+
+    def stop_at_the_second(*args):
+        drawn.append(1)
+        if len(drawn) % 2 == 0:
+            raise KeyboardInterrupt
+        return honest(*args)
+
+    monkeypatch.setattr(train, "make_batch", stop_at_the_second)
+    monkeypatch.setattr(train, "SAVE_SECONDS", 0)
+    command = ["train", str(demo_set[0]), str(tmp_path / "paper.safetensors"), "--config", "paper", "--episodes", "1"]
+    monkeypatch.setattr(sys, "argv", [*command, "--run", str(run)])
+    for steps in (1, 2):
+        with pytest.raises(SystemExit) as stop:
+            train.main()
+        assert stop.value.code == 130
+        said = capsys.readouterr()
+        assert "the same command goes on from the last state" in said.err
+        assert ("resuming at step 1" in said.out) == (steps == 2)
+        state = torch.load(run / "state.pt")
+        assert state["step"] == steps and state["identity"]["config"]["steps"] == 30_000

@@ -243,9 +243,30 @@ def test_bad_arguments_are_named(world, model):
         pointing.play("shapes", 0, None)
 
 
+def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world):
+    for index in range(3):
+        scene = pointing.lay_out_packing(world, "packing-shapes-unseen", index)
+        assert scene.seed == tasks.episode_seed("test", index)
+        (phrase, wanted) = scene.questions[0]
+        assert wanted.lower().endswith(phrase) and len(scene.right(wanted)) == 1
+        assert world.task.instruction.lower() == f"pack the {phrase} in the brown box"
+
+
+def test_packing_rows_count_maps_that_point_at_the_piece(model, monkeypatch, tmp_path):
+    found = pointing.play_packing("packing-shapes-seen", 2, model)
+    assert [episode.index for episode in found] == [0, 1] and {e.reward for e in found} <= {0.0, 1.0}
+    # A map that is highest on the bare corner of the table is right in no episode.
+    corner = np.zeros(LITE.workspace.shape, np.float32)
+    corner[:2, :2] = 1
+    monkeypatch.setattr(pointing.semantic_map, "text_conditioned_map", lambda *_: corner)
+    assert sum(e.reward for e in pointing.play_packing("packing-shapes-seen", 2, model)) == 0
+    with pytest.raises(ValueError, match="needs one of packing-shapes-seen"):
+        pointing.play_packing("bars-in-box", 2, model)
+
+
 def test_help_has_an_example(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["pointing", "--help"])
     with pytest.raises(SystemExit) as stop:
         pointing.main()
     assert stop.value.code == 0
-    assert "example: python -m gem_lite.pointing --scenes 200" in capsys.readouterr().out
+    assert "python -m gem_lite.pointing --scenes 200" in capsys.readouterr().out

@@ -11,6 +11,7 @@ from gem_lite.se2 import (
     Pose2,
     Workspace,
     angle_bins,
+    angle_off,
     quaternion,
     rotate_image,
     rotation_matrix,
@@ -201,3 +202,10 @@ def test_image_motion_moves_pixels_as_it_warps_images(degrees, shift):
     shape, pixel = (40, 31), (16.0, 19.0)
     motion = ImageMotion(math.radians(degrees), shift)
     assert centroid(motion.warp(blob(shape, pixel))) == pytest.approx(motion.move(pixel, shape), abs=0.05)
+
+
+def test_angle_off_counts_to_the_nearest_equivalent_angle():
+    assert angle_off(np.radians(100), np.pi / 2) == pytest.approx(np.radians(10))
+    assert angle_off(np.radians(-170), np.pi) == pytest.approx(np.radians(10))
+    assert angle_off(np.radians(-170), 2 * np.pi) == pytest.approx(np.radians(170))
+    assert angle_off(1.0, 0.0) == 0.0

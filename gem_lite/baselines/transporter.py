@@ -90,8 +90,8 @@ class TransporterLan(PickPlacePolicy):
     def build(self) -> tuple[nn.Module, nn.Module]:
         """See `PickPlacePolicy`."""
         c, words = self.config, self.clip.dim
-        key, query = (UNet(RGBD, c.channels, words, c.widths) for _ in range(2))
-        return UNet(RGBD, c.angles, words, c.widths), KeyQuery(key, query, c)
+        key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
+        return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
 
     def see(self, views: Sequence[View]) -> TopView:
         """See `PickPlacePolicy`."""

@@ -1,0 +1,105 @@
+"""Drawings of trainings and comparisons: losses, success against demonstrations, tables, failures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from gem_lite.failures import Failure
+from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.results import Cell
+
+METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2"}
+"""A method's colour in every figure."""
+
+
+def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -> Figure:
+    """Losses of named trainings over their steps, (steps, 2) of pick and place, as running means.
+
+    Args:
+        floor: the smallest loss that the pick's equally right angles allow.
+    """
+    fig, axes = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
+    for ax, column, role in zip(axes, (0, 1), ("pick", "place"), strict=True):
+        for name, values in losses.items():
+            smooth = np.convolve(values[:, column], np.ones(window) / window, mode="valid")
+            ax.plot(np.arange(len(smooth)) + window, smooth, color=METHOD_COLORS.get(name), label=name)
+        ax.axhline(floor, color="0.5", ls=":", label="four angles equally right" if role == "pick" else None)
+        ax.set(xlabel="step", title=role, ylim=(0, None))
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel(f"cross-entropy (mean of {window} steps)")
+    axes[0].legend(fontsize=8)
+    return fig
+
+
+def show_success(panels: dict[str, dict[str, dict[int, Cell]]], title: str = "") -> Figure:
+    """Success against the number of demonstrations with 95 % intervals.
+
+    Args:
+        panels: title to method to number of demonstrations to cell.
+    """
+    fig, axes = plt.subplots(1, len(panels), figsize=(4.6 * len(panels), 3.6), sharey=True, layout="constrained")
+    for ax, (name, methods) in zip(np.atleast_1d(axes), panels.items(), strict=True):
+        for number, (method, cells) in enumerate(methods.items()):
+            counts = np.array(sorted(cells), float)
+            means = np.array([cells[count].mean for count in sorted(cells)])
+            ends = np.array([cells[count].interval for count in sorted(cells)]).T
+            nudged = counts * (1 + 0.04 * (number - 1))  # so that intervals do not hide each other
+            reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+            ax.errorbar(nudged, means, reach, fmt="o-", capsize=3, color=METHOD_COLORS.get(method), label=method)
+        ax.set(xscale="log", ylim=(-3, 103), xlabel="demonstrations", title=name)
+        ax.set_xticks([1, 5, 10, 20, 100], ["1", "5", "10", "20", "100"])
+        ax.minorticks_off()
+        ax.grid(alpha=0.3)
+    np.atleast_1d(axes)[0].set_ylabel("success (0-100)")
+    np.atleast_1d(axes)[0].legend(fontsize=8, loc="lower right")
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
+    """Means with 95 % intervals as horizontal bars: a row for each name, a colour for each group."""
+    names = list(dict.fromkeys(name for cells in groups.values() for name in cells))
+    fig, ax = plt.subplots(figsize=(7.6, 0.34 * len(names) * len(groups) + 1.1), layout="constrained")
+    thick = 0.8 / len(groups)
+    for number, (group, cells) in enumerate(groups.items()):
+        rows = np.array([names.index(name) for name in cells]) + (number - (len(groups) - 1) / 2) * thick
+        means = np.array([found.mean for found in cells.values()])
+        ends = np.array([found.interval for found in cells.values()]).T
+        reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+        ax.barh(rows, means, 0.9 * thick, xerr=reach, capsize=3, color=f"C{number}", alpha=0.75, label=group)
+        for row, mean, end in zip(rows, means, ends[1], strict=True):
+            ax.text(end + 1.5, row, f"{mean:.0f}", va="center", fontsize=8)
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.set(xlim=(0, 112), xlabel="success (0-100), with 95 % interval", title=title)
+    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.4, -0.16 - 0.2 / len(names)), ncols=len(groups))
+    ax.grid(axis="x", alpha=0.3)
+    return fig
+
+
+def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> Figure:
+    """A gallery: the scene with both grippers above the action maps of pick and place, the reason underneath."""
+    rows = -(-len(failures) // columns)
+    fig, axes = plt.subplots(
+        rows, 3 * columns, figsize=(3.1 * columns, 2.7 * rows), squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for ax in axes.flat:
+        ax.axis("off")
+    for number, (title, failure) in enumerate(failures):
+        row, column = divmod(number, columns)
+        trio, choice = axes[row, 3 * column : 3 * column + 3], failure.choice
+        workspace = choice.heightmap.workspace
+        trio[0].imshow(choice.heightmap.rgb)
+        draw_gripper(trio[0], choice.action.pick, workspace, PICK_COLOR)
+        draw_gripper(trio[0], choice.action.place, workspace, PLACE_COLOR)
+        trio[0].set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+        for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
+            ax.imshow(action_map(logits), cmap=MAP_COLORS)
+        for ax, name in zip(trio, (title, "pick", "place"), strict=True):
+            bare(ax, name).axis("on")
+        trio[0].set_xlabel(f'"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
+    return fig

@@ -1,0 +1,83 @@
+"""The drawings of the learning lessons: what is drawn where, and that every panel is there."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from gem_lite import plot_pick, plot_results
+from gem_lite.failures import Failure
+from gem_lite.policy import Choice
+from gem_lite.results import Cell
+from gem_lite.se2 import Action, Pose2, Workspace
+from gem_lite.tabletop.heightmap import HeightMap
+
+W = Workspace()
+POSE = Pose2(*W.to_world(40, 20), 0.3)
+
+
+@pytest.fixture(autouse=True)
+def close():
+    yield
+    plt.close("all")
+
+
+def cells(*means):
+    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0) for mean in means]
+
+
+def test_stages_keep_pictures_and_maps_apart():
+    fig = plot_pick.show_stages([("colour", np.zeros((4, 4, 3))), ("map", np.eye(4)), ("score", np.eye(4))])
+    panels = [ax for ax in fig.axes if ax.get_title()]
+    assert [ax.get_title() for ax in panels] == ["colour", "map", "score"]
+    assert panels[1].images[0].get_clim() == (-1.0, 1.0) and panels[2].images[0].get_cmap().name == "viridis"
+
+
+def test_loss_shows_its_levels_and_a_running_mean():
+    fig = plot_pick.show_loss(list(range(40)), {"floor": 1.5}, window=20)
+    mean = next(line for line in fig.axes[0].lines if "mean" in str(line.get_label()))
+    assert mean.get_ydata()[0] == pytest.approx(9.5) and mean.get_xdata()[0] == 19
+
+
+def test_yaws_are_folded_by_the_symmetry():
+    fig = plot_pick.show_yaws(np.radians([10.0, 200.0]), {"one": np.radians([190.0, 20.0])}, np.pi)
+    drawn = fig.axes[0].lines[1]
+    assert np.allclose(drawn.get_xdata(), [10, 20]) and np.allclose(drawn.get_ydata(), [10, 20])
+
+
+def test_choices_mark_the_pick_in_scene_and_map():
+    logits = np.zeros((36, *W.shape), np.float32)
+    fig = plot_pick.show_choices([("a", np.zeros((*W.shape, 3)), logits, POSE)], W)
+    ring = fig.axes[1].lines[-1]
+    assert (ring.get_xdata()[0], ring.get_ydata()[0]) == pytest.approx((20, 40), abs=0.5)
+
+
+def test_losses_are_smoothed_and_have_a_colour_for_each_method():
+    fig = plot_results.show_losses({"gem": np.ones((60, 2)), "cliport": 2 * np.ones((60, 2))}, 1.0, window=10)
+    lines = {line.get_label(): line for line in fig.axes[0].lines}
+    assert len(lines["gem"].get_ydata()) == 51 and np.allclose(lines["cliport"].get_ydata(), 2)
+    assert lines["gem"].get_color() != lines["cliport"].get_color()
+
+
+def test_success_draws_a_panel_each_with_its_intervals():
+    one, two = cells(50, 90)
+    fig = plot_results.show_success({"seen": {"gem": {1: one, 10: two}}, "unseen": {"gem": {10: one}}})
+    assert [ax.get_title() for ax in fig.axes] == ["seen", "unseen"]
+    means = fig.axes[0].containers[0].lines[0].get_ydata()
+    assert list(means) == [50, 90]
+
+
+def test_cells_are_bars_in_the_given_order():
+    one, two, three = cells(30, 60, 90)
+    fig = plot_results.show_cells({"seen": {"whole": three, "less": two}, "unseen": {"whole": one}})
+    ax = fig.axes[0]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["whole", "less"]
+    assert [bar.get_width() for bar in ax.patches] == [90, 60, 30]
+
+
+def test_failures_show_scene_maps_and_reason():
+    heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
+    logits = np.zeros((36, *W.shape), np.float32)
+    choice = Choice("put it there", None, heightmap, logits, logits, (0, 0, 0), (0, 0, 0), Action(POSE, POSE))
+    fig = plot_results.show_failures([("one", Failure(3, 1, choice, "grasped nothing"))] * 5, columns=4)
+    shown = [ax for ax in fig.axes if ax.images]
+    assert len(shown) == 15 and "grasped nothing" in shown[0].get_xlabel()
