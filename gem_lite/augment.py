@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from gem_lite.policy import Sample
 from gem_lite.se2 import ImageMotion
@@ -24,6 +25,18 @@ def random_motion(rng: np.random.Generator, shape: tuple[int, int], keep: list[t
         if all(0 <= round(row) < shape[0] and 0 <= round(col) < shape[1] for row, col in moved):
             return motion
     return ImageMotion(0.0, (0.0, 0.0))
+
+
+def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
+    """Exchange the colour channels of a sample's picture and scale each by 0.5 to 1.5; maps and height stay.
+
+    What the maps say of colours stays true, what the picture says does not: so a network must listen to the
+    maps, and cannot learn the demonstrations' colours by heart.
+    """
+    image = sample.image.clone()
+    gain = torch.from_numpy(rng.uniform(0.5, 1.5, 3)).to(image)
+    image[:3] = image[rng.permutation(3).tolist()] * gain[:, None, None]
+    return replace(sample, image=image)
 
 
 def apply(motion: ImageMotion, sample: Sample) -> Sample:

@@ -24,10 +24,12 @@ ABLATIONS = {
     "without-steerable-kernel": Ablation("one unrotated kernel for all angles", {"kernels": "unrotated"}),
     "with-free-kernels": Ablation("a kernel of its own for each angle, not tied by rotation", {"kernels": "free"}),
     "without-image-map": Ablation("no image-conditioned map", {"image_weight": 0.0}),
+    "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
     "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
 }
-"""Endings of a method's name (A.2). Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel."""
+"""Endings of a method's name (A.2). Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel,
+and ``without-recoloring``, since the recolouring is ours."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Config:
         fields: regular fields of the place kernel generator's layers.
         channels: channels that features and kernels share.
         query: side of the baselines' crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
+        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`) for methods that
+            see colours through CLIP as well.
         joins: at how many levels Transporter-Lan's U-Nets are told the words, from the bottleneck up. The paper's has
             1; `lite`'s bottleneck has cells twice as wide, wider than a block, and its next level has the paper's.
         semantic_map, kernels, parsing, language_in_attention: what `ABLATIONS` switch.
@@ -65,6 +69,7 @@ class Config:
     text_weight: float = 0.8
     image_weight: float = 0.2
     drop_image_map: float = 0.3
+    recolor: bool = True
     rotations: int = 180
     frequency: int = 8
     angles: int = 36

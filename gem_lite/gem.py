@@ -114,6 +114,11 @@ class Policy(PickPlacePolicy):
         """See `PickPlacePolicy`."""
         return PickModule(self.config, self.clip.dim), PlaceModule(self.config, self.clip.dim)
 
+    @property
+    def recolors(self) -> bool:
+        """See `PickPlacePolicy`."""
+        return self.config.recolor and self.config.semantic_map != "none"
+
     def see(self, views: Sequence[View]) -> SceneEmbedding:
         """See `PickPlacePolicy`."""
         return semantic_map.embed_scene(views, self.clip, self.config)

@@ -198,6 +198,11 @@ class PickPlacePolicy(ABC):
         return self.method + self.config.variant
 
     @property
+    def recolors(self) -> bool:
+        """Whether training recolours its pictures: only where CLIP tells it the true colours beside them."""
+        return False
+
+    @property
     def modules(self) -> dict[str, nn.Module]:
         """What training changes; each module has its own loss and optimizer."""
         return {"pick": self.pick, "place": self.place}

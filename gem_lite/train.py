@@ -48,14 +48,17 @@ class Cost(NamedTuple):
         return Cost(self.seconds - began.seconds, self.cpu_seconds - began.cpu_seconds)
 
 
-def make_batch(prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator) -> list[Sample]:
+def make_batch(
+    prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator, recolor: bool = False
+) -> list[Sample]:
     """Draw steps, hide the image-conditioned map now and then, and move each by a random motion."""
     batch = []
     for _ in range(settings.batch):
         step = prepared[rng.integers(len(prepared))]
         sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
         motion = augment.random_motion(rng, tuple(sample.image.shape[-2:]), [sample.pick, sample.place])
-        batch.append(augment.apply(motion, sample))
+        moved = augment.apply(motion, sample)
+        batch.append(augment.recolored(rng, moved) if recolor else moved)
     return batch
 
 
@@ -115,7 +118,7 @@ def train(
     bar = tqdm(range(saved, settings.steps), "training", settings.steps, initial=saved, unit="step")
     for step in bar:
         # Every step's draw depends on the seed and the step alone, so a resumed run draws the same.
-        batch = make_batch(prepared, settings, np.random.default_rng((seed, step)))
+        batch = make_batch(prepared, settings, np.random.default_rng((seed, step)), policy.recolors)
         # Warm up over 50 steps, hold, and fall linearly to a fiftieth over the second half.
         rate = settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
         with torch.autocast("cuda", torch.bfloat16, enabled=device != "cpu"):

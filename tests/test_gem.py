@@ -1,11 +1,13 @@
 import dataclasses
 import math
+import types
 
+import numpy as np
 import pytest
 import torch
 
-from gem_lite import networks
-from gem_lite.augment import apply, random_motion
+from gem_lite import methods, networks
+from gem_lite.augment import apply, random_motion, recolored
 from gem_lite.config import LITE, PAPER, Config
 from gem_lite.gem import PickModule, PlaceModule
 from gem_lite.networks import CropKernel, LanguageKernel, UNet
@@ -189,3 +191,27 @@ def test_config_round_trip_and_refusal():
 def test_no_layer_normalises_over_the_picture():
     for module in (PickModule(SMALL, D), PlaceModule(SMALL, D)):
         assert not any("Norm" in type(layer).__name__ for layer in module.modules())
+
+
+def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
+    image = torch.rand(6, 8, 8, generator=torch.Generator().manual_seed(0))
+    sample, orders = dataclasses.replace(sample_with_spot(2, 2), image=image), set()
+    for seed in range(40):
+        drawn = recolored(np.random.default_rng(seed), sample)
+        assert dataclasses.replace(drawn, image=image) == sample and torch.equal(drawn.image[3:], image[3:])
+        ratios = drawn.image[:3, None] / image[None, :3]  # (new, old, H, W): one constant for each new channel
+        constant = ratios.flatten(2).std(dim=2) < 1e-4
+        assert constant.sum() == 3 and torch.all(constant.sum(dim=0) == 1)
+        gains = ratios[..., 0, 0][constant]
+        assert torch.all((gains >= 0.5) & (gains <= 1.5))
+        orders.add(tuple(constant.int().argmax(dim=1).tolist()))
+    assert len(orders) == 6
+
+
+def test_recolouring_is_for_methods_that_see_colours_through_clip():
+    def recolors(method, config):
+        return methods.METHODS[method](config, types.SimpleNamespace(dim=D)).recolors
+
+    assert [recolors(name, SMALL) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
+    assert not recolors("gem", SMALL.ablated("without-semantic-map"))
+    assert not any(recolors(name, SMALL.ablated("without-recoloring")) for name in methods.METHODS)

@@ -88,6 +88,14 @@ def test_batches_hide_the_image_map_now_and_then(prepared):
     assert 5 < sum(hidden) < 40  # drop_image_map is 0.3
 
 
+def test_training_recolours_if_the_method_does(prepared, model, tmp_path, monkeypatch):
+    asked, honest = [], train.make_batch
+    monkeypatch.setattr(train, "make_batch", lambda *args: asked.append(args[3]) or honest(*args))
+    for settings in (SMALL, SMALL.ablated("without-recoloring")):
+        train.train(Policy(settings, model, prepared[1]), prepared[0], seed=0, run=tmp_path / settings.variant)
+    assert asked == [True] * SMALL.steps + [False] * SMALL.steps
+
+
 def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, monkeypatch):
     steps, memory = prepared
     whole = Policy(SMALL, model, memory, seed=3)

@@ -80,6 +80,11 @@ class ClipPort(TransporterLan):
         place = KeyQuery(TwoStream(c.channels, words, c), TwoStream(c.channels, words, c), c)
         return Grounding(pick, words, c), Grounding(place, words, c)
 
+    @property
+    def recolors(self) -> bool:
+        """See `PickPlacePolicy`: CLIP's features keep the true colours."""
+        return self.config.recolor
+
     def see(self, views: Sequence[View]) -> TopView:
         """See `PickPlacePolicy`."""
         heightmap = fuse_views(views, self.config.workspace)
