@@ -174,7 +174,7 @@ def mean_and_interval(rewards: ArrayLike, seed: int = 0) -> tuple[float, tuple[f
         return 0.0, (0.0, round(100 - bound, 1))
     rng = np.random.default_rng(seed)
     columns = rng.integers(episodes, size=(10_000, episodes))
-    # The mean over drawn seeds and episodes is a product of two countings with the table of rewards.
+    # How often each seed is drawn stands for drawing seeds: their order does not matter to a mean.
     rows = rng.multinomial(seeds, [1 / seeds] * seeds, size=10_000) / seeds  # (draws, seeds)
     draws = np.einsum("ds,sde->d", rows, values[:, columns]) / episodes
     low, high = np.percentile(draws, [2.5, 97.5])

@@ -1,5 +1,7 @@
 """Transporter-Lan (A.1.5): Transporter Networks with the language at the bottleneck of every U-Net.
 
+In `lite` it is joined one level higher, too (`Config.joins`).
+
 The pick is a U-Net's own map, so it moves with the table by 16 pixels and has to learn every angle. The
 place correlates the scene's features (key) with those of the crop at the pick (query). The crop is turned
 by every angle before the query network sees it: turning the picked object by an angle bin moves the best

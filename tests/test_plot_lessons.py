@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from gem_lite import plot_pick, plot_results
+from gem_lite import plot_pick, plot_place, plot_results
 from gem_lite.failures import Failure
 from gem_lite.policy import Choice
 from gem_lite.results import Cell
@@ -81,3 +81,21 @@ def test_failures_show_scene_maps_and_reason():
     fig = plot_results.show_failures([("one", Failure(3, 1, choice, "grasped nothing"))] * 5, columns=4)
     shown = [ax for ax in fig.axes if ax.images]
     assert len(shown) == 15 and "grasped nothing" in shown[0].get_xlabel()
+
+
+def test_deltas_stay_beside_the_diagonal_across_180_degrees():
+    right, predicted = np.radians([10.0, 178.0, -90.0]), np.radians([15.0, -177.0, 90.0])
+    ax = plot_place.show_deltas([("one", right, predicted)], [0.0]).axes[0]
+    drawn = next(line for line in ax.lines if line.get_marker() == "o")
+    assert np.allclose(drawn.get_xdata(), [10, 178, -90])
+    assert np.allclose(np.abs(drawn.get_ydata() - drawn.get_xdata()), [5, 5, 180])
+
+
+def test_actions_and_closeups_show_every_panel():
+    heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
+    logits = np.random.default_rng(0).random((36, *W.shape)).astype(np.float32)
+    shown = plot_place.Shown("one", heightmap, Action(POSE, POSE), logits)
+    fig = plot_place.show_actions([shown] * 3)
+    assert sum(bool(ax.images) for ax in fig.axes) >= 6 and [ax.get_title() for ax in fig.axes[:3]] == ["one"] * 3
+    fig = plot_place.show_closeups([plot_place.CloseUp("two", heightmap, POSE, POSE)] * 2)
+    assert [ax.get_title() for ax in fig.axes[:2]] == ["two"] * 2 and sum(bool(ax.images) for ax in fig.axes) >= 4
