@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from gem_lite.failures import Failure
 from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.policy import RGBD, Sample, to_picture
 from gem_lite.results import Cell
 
 METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2"}
@@ -32,6 +33,17 @@ def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -
         ax.grid(alpha=0.3)
     axes[0].set_ylabel(f"cross-entropy (mean of {window} steps)")
     axes[0].legend(fontsize=8)
+    return fig
+
+
+def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
+    """What training sees of GEM's samples: the picture with the demonstrated pixels above the pick's map."""
+    fig, axes = plt.subplots(2, len(samples), figsize=(1.5 * len(samples), 5.2), layout="constrained")
+    for (above, below), sample, title in zip(axes.T, samples, titles, strict=True):
+        bare(above, title).imshow(to_picture(sample.image))
+        for (row, col), color in ((sample.pick, PICK_COLOR), (sample.place, PLACE_COLOR)):
+            above.plot(col, row, "o", mfc="none", mec=color, ms=9, mew=2)
+        bare(below).imshow(sample.image[RGBD], cmap=MAP_COLORS, vmin=0, vmax=1)
     return fig
 
 

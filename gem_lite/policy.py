@@ -30,14 +30,21 @@ from gem_lite.tabletop.world import Observation
 
 HEIGHT_SCALE = 0.05
 """Metres that become 1 in a network's height channel."""
+TABLE_GRAY = 0.2
+"""The bare table's colour, of 1; a network's colours are measured from it."""
 RGBD = 4
 
 
 def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
     """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is 0."""
-    rgb = torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - 0.2
+    rgb = torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
     height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
     return torch.cat([rgb, height])
+
+
+def to_picture(rgbd: torch.Tensor) -> np.ndarray:
+    """(H, W, 3) float32 in [0, 1]: the colours of what `to_rgbd` made, recoloured or not."""
+    return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
 
 
 def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:

@@ -3,10 +3,11 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import torch
 
 from gem_lite import plot_pick, plot_place, plot_results
 from gem_lite.failures import Failure
-from gem_lite.policy import Choice
+from gem_lite.policy import RGBD, Choice, Sample
 from gem_lite.results import Cell
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.tabletop.heightmap import HeightMap
@@ -56,6 +57,21 @@ def test_losses_are_smoothed_and_have_a_colour_for_each_method():
     lines = {line.get_label(): line for line in fig.axes[0].lines}
     assert len(lines["gem"].get_ydata()) == 51 and np.allclose(lines["cliport"].get_ydata(), 2)
     assert lines["gem"].get_color() != lines["cliport"].get_color()
+
+
+def test_samples_show_recoloured_picture_and_true_map():
+    image = torch.zeros(6, *W.shape)
+    image[0, 5, 7], image[RGBD, 5, 7] = 0.5, 1.0
+    words = torch.zeros(8)
+    sample = Sample(
+        image=image, pick_words=words, place_words=words, pick=(5, 7), place=(9, 9), pick_yaw=0.0, delta=0.0,
+        pick_symmetry=0.0, place_symmetry=0.0,
+    )  # fmt: skip
+    fig = plot_results.show_samples([sample] * 2, ["one", "two"])
+    assert [ax.get_title() for ax in fig.axes if ax.get_title()] == ["one", "two"]
+    pictures = [ax.images[0].get_array() for ax in fig.axes]
+    assert np.allclose(pictures[0][5, 7], [0.7, 0.2, 0.2]) and pictures[-1][5, 7] == 1
+    assert fig.axes[0].lines[0].get_xydata().tolist() == [[7, 5]]
 
 
 def test_success_draws_a_panel_each_with_its_intervals():
