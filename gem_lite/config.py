@@ -37,6 +37,7 @@ class Config:
     """A configuration. The defaults are `lite`.
 
     Attributes:
+        table: length of the table (m); it is half as wide.
         pixel: size of a height map's cell (m).
         patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view).
         top_patch, top_stride: CLIP patches of the height map (m).
@@ -61,6 +62,7 @@ class Config:
     """
 
     name: str = "lite"
+    table: float = 1.0
     pixel: float = 0.00625
     patch: int = 40
     stride: int = 20
@@ -111,7 +113,11 @@ class Config:
     @property
     def workspace(self) -> Workspace:
         """The workspace at this configuration's resolution."""
-        return Workspace(pixel=self.pixel)
+        return Workspace.of_length(self.table, self.pixel)
+
+    def on_table(self, length: float) -> Config:
+        """The same for a table of another length (m), covered by as many pixels."""
+        return replace(self, table=length, pixel=self.pixel * length / self.table)
 
     def as_dict(self) -> dict:
         """As JSON holds it: tuples become lists."""

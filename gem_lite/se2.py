@@ -71,6 +71,16 @@ class Workspace:
     z_max: float = 0.28
     pixel: float = 0.00625
 
+    @classmethod
+    def of_length(cls, length: float, pixel: float = pixel) -> Workspace:
+        """A table ``length`` metres long (y) and half as wide (x), its middle where the default's is."""
+        return cls(0.5 - length / 4, 0.5 + length / 4, -length / 2, length / 2, pixel=pixel)
+
+    @property
+    def length(self) -> float:
+        """The extent in y (m)."""
+        return self.y_max - self.y_min
+
     @property
     def shape(self) -> tuple[int, int]:
         """(H, W) of the height map."""

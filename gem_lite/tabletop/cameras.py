@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -83,6 +83,13 @@ CAMERAS: tuple[Camera, ...] = (
     Camera("right", (0.0, -0.5, 0.75), (-0.8682, 0.3596, -0.1309, 0.3160)),
 )
 """CLIPort's front, left and right cameras."""
+
+
+def cameras_around(workspace: Workspace) -> tuple[Camera, ...]:
+    """`CAMERAS`, drawn nearer or farther with the table's length (CLIPort's is 1 m long)."""
+    middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2, 0.0])
+    placed = [middle + workspace.length * (np.array(camera.position) - (0.5, 0.0, 0.0)) for camera in CAMERAS]
+    return tuple(replace(c, position=tuple(at.tolist())) for c, at in zip(CAMERAS, placed, strict=True))
 
 
 def render(

@@ -5,11 +5,12 @@ holds a bar only if it closes across it. The two fingers, which are not modelled
 axis: at yaw 0 they come from -y and +y of the world, and the jaw's yaw is that of a bar which it grasps
 squarely (half a turn more is the same grasp).
 
-All motions are counted in simulation steps; a motion that meets its budget stops where it is.
+All motions are counted in simulation steps.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +27,6 @@ STRIDE = 0.003
 """Metres per simulation step: faster, and the constraint lags behind by centimetres."""
 TURN = 0.03
 """Radians per simulation step."""
-MOTION_STEPS = 1200
-"""Budget of one motion in simulation steps."""
 JAW_ANGLE = np.radians(20)
 """A jaw turned further (radians) from a bar's yaw slips off it."""
 JAW_REACH = 1 / 6
@@ -135,17 +134,13 @@ class Gripper:
 
     def _descend(self, touching) -> set[int]:
         """Down in 1 mm strides until ``touching()`` names a body or the tip is on the table."""
-        floor = TIP_LENGTH / 2
-        for _ in range(MOTION_STEPS):
-            if found := touching():
-                return found
-            if self._target[2] <= floor:
-                return set()
+        while not (found := touching()) and self._target[2] > TIP_LENGTH / 2:
             self._advance(self._target - [0, 0, 0.001], self._yaw)
-        return set()
+        return found
 
     def _move(self, goal: np.ndarray, yaw: float) -> None:
-        for _ in range(MOTION_STEPS):
+        away = max(float(np.linalg.norm(goal - self._target)) / STRIDE, abs(yaw - self._yaw) / TURN)
+        for _ in range(math.ceil(away) + 1):
             rest, turn = goal - self._target, yaw - self._yaw
             distance = np.linalg.norm(rest)
             if distance < 1e-6 and abs(turn) < 1e-6:

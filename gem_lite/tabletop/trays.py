@@ -32,11 +32,15 @@ Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 def add_container(client: int, size: tuple[float, float], color: tuple[float, ...], pose: Pose2) -> Body:
     """A fixed box, open on top; ``size`` (x, y metres) is measured between the middles of its walls."""
+    return _add_boxes(client, container_boxes(size), color, pose)
+
+
+def container_boxes(size: tuple[float, float]) -> list[Bounds]:
+    """The floor and the four walls of `add_container`."""
     x, y, t, h = size[0] / 2, size[1] / 2, WALL / 2, CONTAINER_HEIGHT
     boxes = [((-x, -y, 0), (x, y, WALL))]
     boxes += [((s * x - t, -y - t, 0), (s * x + t, y + t, h)) for s in (-1, 1)]
-    boxes += [((-x - t, s * y - t, 0), (x + t, s * y + t, h)) for s in (-1, 1)]
-    return _add_boxes(client, boxes, color, pose)
+    return boxes + [((-x - t, s * y - t, 0), (x + t, s * y + t, h)) for s in (-1, 1)]
 
 
 def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:

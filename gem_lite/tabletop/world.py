@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pybullet as p
 
 from gem_lite import colors
-from gem_lite.se2 import Action, Pose2, Workspace
-from gem_lite.tabletop.cameras import CAMERAS, View, render
+from gem_lite.se2 import Action, Pose2, Workspace, quaternion
+from gem_lite.tabletop.cameras import View, cameras_around, render
 from gem_lite.tabletop.gripper import Gripper, GripperState
 from gem_lite.tabletop.shapes import Body
 
@@ -25,7 +26,9 @@ SETTLE_STEPS = 4800
 """Budget for the scene to come to rest, in simulation steps."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
-FLOOR_COLOR = (0.27, 0.28, 0.30, 1.0)
+RGBA = tuple[float, float, float, float]
+FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
+TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
 
 
 @dataclass(frozen=True)
@@ -49,22 +52,29 @@ class Step:
     trace: tuple[GripperState, ...]
 
 
-class World:
-    """A table in a physics client of its own. Use as a context manager, or call `close`.
+class Simulation(ABC):
+    """Bodies, a gripper and a task on one or several tables, in a physics client of its own.
+
+    Use as a context manager, or call `close`.
+
+    Attributes:
+        workspace: what actions may touch of a table, in the table's own frame.
+        tables: where the tables' frames are in the world.
 
     Args:
         gui: open PyBullet's window; headless by default.
-        workspace: the part of the table that actions may touch.
     """
 
-    def __init__(self, gui: bool = False, workspace: Workspace = Workspace()) -> None:
-        self.workspace = workspace
+    tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
+
+    def __init__(self, gui: bool = False) -> None:
+        self.workspace = Workspace()
         self.client = p.connect(p.GUI if gui else p.DIRECT)
         self.bodies: list[Body] = []
         self.steps_taken = 0
         self._task: Task | None = None
 
-    def __enter__(self) -> World:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -84,42 +94,44 @@ class World:
         return self._task
 
     def clear(self) -> None:
-        """Empty the world but for table, floor and gripper."""
+        """Empty the world but for tables, floor and gripper."""
         p.resetSimulation(physicsClientId=self.client)
         p.setGravity(0, 0, -9.8, physicsClientId=self.client)
         p.setTimeStep(1 / RATE, physicsClientId=self.client)
         self.bodies = []
-        self._add_table()
+        self.furnish()
         self.gripper = Gripper(self.client)
 
-    def reset(self, task: Task, seed: int) -> Observation:
+    def begin(self, task: Task, seed: int) -> None:
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
+        self.workspace = task.workspace
         self.clear()
         self._task, self.steps_taken, self.gripper.jaw = task, 0, task.jaw
         task.reset(self, np.random.default_rng(seed))
         self.settle()
-        return self.observe()
 
-    def _add_table(self) -> None:
-        w = self.workspace
-        centre = ((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+    @abstractmethod
+    def furnish(self) -> None:
+        """Put up tables and floor."""
 
-        def slab(half: tuple[float, float, float], top: float, color: tuple[float, ...], solid: bool) -> None:
-            common = dict(halfExtents=half, physicsClientId=self.client)
-            visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
-            collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
-            body = p.createMultiBody(0, collision, visual, (*centre, top - half[2]), physicsClientId=self.client)
-            p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
-
-        sheet = tuple(c / 255 for c in colors.TABLE)
-        slab(((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005), 0.0, (*sheet, 1.0), solid=False)
-        slab((3.0, 3.0, 0.05), 0.0, (0, 0, 0, 0), solid=True)
-        slab((3.0, 3.0, 0.0005), -0.1, FLOOR_COLOR, solid=False)
+    def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> None:
+        """A fixed box with its upper face at the height ``top``; one that is not solid is only seen."""
+        common = dict(halfExtents=half, physicsClientId=self.client)
+        visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
+        collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
+        at = (pose.x, pose.y, top - half[2])
+        body = p.createMultiBody(0, collision, visual, at, quaternion(pose.yaw), physicsClientId=self.client)
+        p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
 
     def add(self, body: Body) -> Body:
         """Register a body that was made in this world's client."""
         self.bodies.append(body)
         return body
+
+    @property
+    def movable(self) -> set[int]:
+        """The ids of all bodies that can be moved."""
+        return {body.id for body in self.bodies if body.movable}
 
     def pose(self, body: Body) -> tuple[Pose2, float]:
         """Ground truth for experts, rewards and tests: planar pose and the height z of the origin."""
@@ -128,18 +140,42 @@ class World:
 
     def settle(self) -> bool:
         """Simulate until every movable body rests, within a budget of steps. True if all rest."""
-        movable = [body.id for body in self.bodies if body.movable]
         for _ in range(SETTLE_STEPS // 10):
             for _ in range(10):
                 p.stepSimulation(physicsClientId=self.client)
-            speeds = [p.getBaseVelocity(body, physicsClientId=self.client)[0] for body in movable]
+            speeds = [p.getBaseVelocity(body, physicsClientId=self.client)[0] for body in self.movable]
             if all(np.linalg.norm(speed) < SETTLED_SPEED for speed in speeds):
                 return True
         return False
 
+    def check(self, name: str, pose: Pose2) -> None:
+        """Raises ValueError if a pose in a table's frame lies outside the workspace or its yaw is not finite."""
+        if not self.workspace.contains(pose.x, pose.y):
+            raise ValueError(f"{name} = {pose} lies outside the workspace {self.workspace}")
+        if not math.isfinite(pose.yaw):
+            raise ValueError(f"{name} = {pose} has a yaw that is not a finite number of radians")
+
+
+class World(Simulation):
+    """One table, its frame the world's."""
+
+    def furnish(self) -> None:
+        """See `Simulation`."""
+        w = self.workspace
+        centre = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+        half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005)
+        self.add_slab(centre, half, 0.0, TABLE_COLOR, solid=False)
+        self.add_slab(centre, (3.0, 3.0, 0.05), 0.0, (0, 0, 0, 0), solid=True)
+        self.add_slab(centre, (3.0, 3.0, 0.0005), -0.1, FLOOR_COLOR, solid=False)
+
+    def reset(self, task: Task, seed: int) -> Observation:
+        """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
+        self.begin(task, seed)
+        return self.observe()
+
     def observe(self) -> Observation:
         """Take the three pictures."""
-        return Observation(tuple(render(self.client, camera)[0] for camera in CAMERAS))
+        return Observation(tuple(render(self.client, camera)[0] for camera in cameras_around(self.workspace)))
 
     def step(self, action: Action, watch: Callable[[str], None] | None = None) -> Step:
         """Pick, place, let the scene settle, score it; then the task may go on to its next instruction.
@@ -148,14 +184,11 @@ class World:
             action: poses in the workspace; one outside, or a yaw that is not finite, raises ValueError.
             watch: called with "picked" and "placed" at those moments, for pictures.
         """
-        for name, pose in (("pick", action.pick), ("place", action.place)):
-            if not self.workspace.contains(pose.x, pose.y):
-                raise ValueError(f"action.{name} = {pose} lies outside the workspace {self.workspace}")
-            if not math.isfinite(pose.yaw):
-                raise ValueError(f"action.{name} = {pose} has a yaw that is not a finite number of radians")
+        self.check("action.pick", action.pick)
+        self.check("action.place", action.place)
         before = self.task.score(self)
         self.gripper.trace.clear()
-        grasped = self.gripper.pick(action.pick, {body.id for body in self.bodies if body.movable})
+        grasped = self.gripper.pick(action.pick, self.movable)
         if watch:
             watch("picked")
         if grasped:

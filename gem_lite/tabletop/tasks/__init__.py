@@ -8,6 +8,7 @@ from typing import Literal
 
 from gem_lite.tabletop.tasks.bars_in_box import BarsInBox
 from gem_lite.tabletop.tasks.block_insertion import BlockInsertion
+from gem_lite.tabletop.tasks.object_sorting import ObjectSorting
 from gem_lite.tabletop.tasks.packing_shapes import PackingShapes
 from gem_lite.tabletop.tasks.put_block_in_bowl import PutBlockInBowl
 from gem_lite.tabletop.tasks.stack_block_pyramid import StackBlockPyramid
@@ -29,6 +30,8 @@ _MAKERS: dict[str, Callable[[bool], Task]] = {
     "packing-shapes-unseen": PackingShapes,
     "block-insertion": BlockInsertion,
     "bars-in-box": BarsInBox,
+    "object-sorting-seen": ObjectSorting,
+    "object-sorting-unseen": ObjectSorting,
 }
 """What makes a task; its argument tells whether words come from the unseen sets."""
 

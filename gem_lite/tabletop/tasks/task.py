@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from gem_lite.se2 import Action
+from gem_lite.se2 import Action, Workspace
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.world import World
@@ -34,12 +34,14 @@ class Task(ABC):
     Attributes:
         instruction: what to do now; policies see it, and nothing else of a task.
         max_steps: actions after which an episode ends.
+        workspace: the table that the task is made for.
         jaw: whether the tool has a parallel jaw instead of suction, see `gripper`.
         named_colors: the palette's colours that the instruction names.
         names: what each body is, such as "red block", by its id: for scoring maps alone, no policy sees it.
     """
 
-    jaw: bool = False
+    workspace: ClassVar[Workspace] = Workspace()
+    jaw: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self.instruction = ""
