@@ -191,7 +191,8 @@ class SteerableKernel:
     def correlate(self, features: torch.Tensor) -> torch.Tensor:
         """Cross-correlate features (B, C, H, W) with every coefficient: C_k (B, K + 1, H, W) complex.
 
-        The coefficients are not conjugated; at the border the features are taken as 0.
+        One kernel (a batch of 1) serves any number of features. The coefficients are not conjugated; at the
+        border the features are taken as 0.
 
         Raises:
             ValueError: batch or channels are not the kernel's.
@@ -207,7 +208,7 @@ def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
 
     Args:
         features: (B, C, H, W).
-        kernels: (B, N, C, h, h), h odd.
+        kernels: (B, N, C, h, h), h odd; or (1, N, C, h, h) for all features.
 
     Returns:
         (B, N, H, W).
@@ -237,8 +238,8 @@ class _Correlate(torch.autograd.Function):
         half = coefficients.shape[-1] // 2
         shape = _padded_shape(features, half)
         spectrum = torch.fft.fft2(features, shape)[:, None]  # (B, 1, C, P, Q)
-        out = coefficients.new_empty(*coefficients.shape[:2], height, width)
-        for block in _blocks(coefficients, shape):
+        out = coefficients.new_empty(len(features), coefficients.shape[1], height, width)
+        for block in _blocks(features, coefficients, shape):
             product = (spectrum * _mirrored_spectrum(coefficients[:, block], shape)).sum(dim=2)
             out[:, block] = torch.fft.ifft2(product)[..., half : half + height, half : half + width]
         return out
@@ -257,13 +258,14 @@ class _Correlate(torch.autograd.Function):
             total = spectrum.new_zeros(spectrum[:, 0].shape)
         if ctx.needs_input_grad[1]:
             coefficients_grad = torch.empty_like(coefficients)
-        for block in _blocks(coefficients, shape):
+        for block in _blocks(features, coefficients, shape):
             grads = torch.fft.fft2(grad[:, block], shape)[:, :, None]  # (B, k, 1, P, Q)
             if ctx.needs_input_grad[0]:
                 total += (_mirrored_spectrum(coefficients[:, block], shape).conj() * grads).sum(dim=1)
             if ctx.needs_input_grad[1]:
                 rows = torch.fft.ifft(spectrum * grads, dim=-2)[..., lags, :]
-                coefficients_grad[:, block] = torch.fft.ifft(rows)[..., lags].flip(-2, -1)
+                each = torch.fft.ifft(rows)[..., lags].flip(-2, -1)
+                coefficients_grad[:, block] = each.sum_to_size(coefficients[:, block].shape)
         if ctx.needs_input_grad[0]:
             features_grad = torch.fft.ifft2(total).real.roll((half, half), (-2, -1))[..., :height, :width]
         return features_grad, coefficients_grad
@@ -275,10 +277,10 @@ def _padded_shape(features: torch.Tensor, half: int) -> tuple[int, int]:
     return next_fast_len(height + half), next_fast_len(width + half)
 
 
-def _blocks(coefficients: torch.Tensor, shape: tuple[int, int]) -> list[slice]:
+def _blocks(features: torch.Tensor, coefficients: torch.Tensor, shape: tuple[int, int]) -> list[slice]:
     """Frequencies in runs whose spectra fit `BLOCK`."""
-    batch, terms, channels = coefficients.shape[:3]
-    step = max(1, BLOCK // (batch * channels * math.prod(shape)))
+    terms = coefficients.shape[1]
+    step = max(1, BLOCK // (math.prod(features.shape[:2]) * math.prod(shape)))
     return [slice(start, start + step) for start in range(0, terms, step)]
 
 
@@ -370,8 +372,9 @@ def _check_kernel(kernel: torch.Tensor) -> torch.Size:
 
 def _check_features(features: torch.Tensor, kernels: torch.Tensor) -> None:
     batch, _, channels, _, _ = kernels.shape
-    if features.ndim != 4 or features.shape[:2] != (batch, channels):
-        raise ValueError(f"features must be ({batch}, {channels}, H, W), got {tuple(features.shape)}")
+    if features.ndim != 4 or features.shape[1] != channels or batch not in (1, len(features)):
+        wanted = "B" if batch == 1 else batch
+        raise ValueError(f"features must be ({wanted}, {channels}, H, W), got {tuple(features.shape)}")
 
 
 def _check_frequency(frequency: int, rotations: int) -> None:

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from gem_lite.se2 import Workspace
 
 LIGHT_DIRECTION = (0.3, 0.2, 1.0)
+OFF_CENTRE = (0.5, -0.5)
+"""TinyRenderer looks through a pixel's lower left corner: pictures lie so far (x, y pixels) from the optical axis."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,12 @@ class Camera:
     def rotation(self) -> np.ndarray:
         """(3, 3) camera-to-world rotation."""
         return Rotation.from_quat(self.quaternion).as_matrix()
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(3, 3) intrinsics as a calibration would find them: for (x, y) pixels from the upper left edge."""
+        (height, width), (right, down) = self.size, OFF_CENTRE
+        return np.array([[self.focal, 0, width / 2 + right], [0, self.focal, height / 2 + down], [0, 0, 1]])
 
 
 @dataclass(frozen=True)

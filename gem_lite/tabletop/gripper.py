@@ -20,7 +20,7 @@ from gem_lite.se2 import Pose2, quaternion, wrap
 
 TIP_RADIUS, TIP_LENGTH = 0.005, 0.03
 PARKED = (0.0, 0.0, 0.6)
-"""Where the tool waits (m): outside every camera's line of sight to the table."""
+"""Where the tool of a single table waits (m): outside every camera's line of sight to the table."""
 CLEARANCE = 0.2
 """Height (m) at which the tool travels."""
 STRIDE = 0.003
@@ -53,16 +53,16 @@ class Gripper:
     `LOG_EVERY` simulation steps of a motion.
     """
 
-    def __init__(self, client: int) -> None:
-        self._client = client
+    def __init__(self, client: int, parked: tuple[float, float, float] = PARKED) -> None:
+        self._client, self._parked = client, parked
         shape = dict(radius=TIP_RADIUS, physicsClientId=client)
         collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **shape)
         visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=(0.1, 0.1, 0.1, 1), **shape)
-        self.id = p.createMultiBody(0.5, collision, visual, PARKED, physicsClientId=client)
+        self.id = p.createMultiBody(0.5, collision, visual, parked, physicsClientId=client)
         self._drive = p.createConstraint(
-            self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), PARKED, physicsClientId=client
+            self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), parked, physicsClientId=client
         )
-        self._target, self._yaw = np.array(PARKED), 0.0
+        self._target, self._yaw = np.array(parked), 0.0
         self._suction: int | None = None
         self.jaw = False
         self.held: int | None = None
@@ -85,6 +85,10 @@ class Gripper:
         self._rise()
         return self.held is not None
 
+    def carry(self, pose: Pose2) -> None:
+        """Travel above ``pose`` with what is held."""
+        self._travel(pose)
+
     def place(self, pose: Pose2) -> None:
         """Carry what is held above ``pose``, go down until it touches something, let go, rise."""
         self._travel(pose)
@@ -95,7 +99,7 @@ class Gripper:
     def park(self) -> None:
         """Let go of everything and leave the cameras' sight."""
         self._release()
-        self._move(np.array(PARKED), 0.0)
+        self._move(np.array(self._parked), 0.0)
 
     def _closes_across(self, body: int) -> bool:
         """Whether a jaw where the tool is would hold a bar: a box that is longest along its own x."""

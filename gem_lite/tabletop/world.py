@@ -14,7 +14,7 @@ import pybullet as p
 from gem_lite import colors
 from gem_lite.se2 import Action, Pose2, Workspace, quaternion
 from gem_lite.tabletop.cameras import View, cameras_around, render
-from gem_lite.tabletop.gripper import Gripper, GripperState
+from gem_lite.tabletop.gripper import PARKED, Gripper, GripperState
 from gem_lite.tabletop.shapes import Body
 
 if TYPE_CHECKING:
@@ -60,12 +60,14 @@ class Simulation(ABC):
     Attributes:
         workspace: what actions may touch of a table, in the table's own frame.
         tables: where the tables' frames are in the world.
+        parked: where the tool waits (m).
 
     Args:
         gui: open PyBullet's window; headless by default.
     """
 
     tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
+    parked: tuple[float, float, float] = PARKED
 
     def __init__(self, gui: bool = False) -> None:
         self.workspace = Workspace()
@@ -100,13 +102,14 @@ class Simulation(ABC):
         p.setTimeStep(1 / RATE, physicsClientId=self.client)
         self.bodies = []
         self.furnish()
-        self.gripper = Gripper(self.client)
+        self.gripper = Gripper(self.client, self.parked)
 
     def begin(self, task: Task, seed: int) -> None:
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self.workspace = task.workspace
         self.clear()
         self._task, self.steps_taken, self.gripper.jaw = task, 0, task.jaw
+        task.seed = seed
         task.reset(self, np.random.default_rng(seed))
         self.settle()
 

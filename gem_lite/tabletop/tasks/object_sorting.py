@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,8 +33,8 @@ VARIANTS = (1000, 1100)
 class ObjectSorting(Task):
     """Two symbol boxes and five objects in any colours, spread over all tables; the sentence names one of each.
 
-    The tables are the paper's, 106 x 53 cm. Episode after episode, training goes through its 15 objects, so
-    that 75 demonstrations hold five of each. There is one try.
+    The tables are the paper's, 106 x 53 cm. Episode after episode goes through the objects by their seeds, so
+    that 75 demonstrations hold five of each of training's 15. There is one try.
     """
 
     workspace = Workspace.of_length(1.06)
@@ -54,7 +53,9 @@ class ObjectSorting(Task):
 
         boxes = [world.add(symbols.add_symbol_box(world.client, s, anywhere(symbols.BOX_RADIUS))) for s in self._boxes]
         self.names = {body.id: f"{symbol} box" for body, symbol in zip(boxes, self._boxes, strict=True)}
-        chosen = [str(name) for name in rng.choice(self._objects, OBJECTS, replace=False)]
+        wanted = self._objects[self.seed % len(self._objects)]
+        others = [name for name in self._objects if name != wanted]
+        chosen = [wanted, *(str(name) for name in rng.choice(others, OBJECTS - 1, replace=False))]
         bodies = []
         for name in chosen:
             color = str(rng.choice(list(colors.RGB)))

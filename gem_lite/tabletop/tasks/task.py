@@ -32,6 +32,7 @@ class Task(ABC):
     """One family's scene, sentence, score and expert.
 
     Attributes:
+        seed: the episode's, set before `reset`; what is random comes from the generator, not from it.
         instruction: what to do now; policies see it, and nothing else of a task.
         max_steps: actions after which an episode ends.
         workspace: the table that the task is made for.
@@ -44,6 +45,7 @@ class Task(ABC):
     jaw: ClassVar[bool] = False
 
     def __init__(self) -> None:
+        self.seed = 0
         self.instruction = ""
         self.max_steps = 0
         self.named_colors: tuple[str, ...] = ()
