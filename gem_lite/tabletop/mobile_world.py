@@ -20,7 +20,7 @@ from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
 from gem_lite.tabletop.cameras import Camera, View, cameras_around, render
 from gem_lite.tabletop.gripper import CLEARANCE, GripperState
-from gem_lite.tabletop.shapes import create_visual
+from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import FLOOR_COLOR, TABLE_COLOR, Observation, Simulation
 
@@ -30,8 +30,8 @@ FLANGE = 0.2
 """Width (m) of the board along each table's front edge (x_max) that carries its tag."""
 STAND = 0.55
 """Distance (m) of the base from the front edge when it works at a table."""
-CARRY = Pose2(0.35, 0.0)
-"""Where the tool waits in the base's frame while the base drives."""
+CARRY = Pose2(-0.2, 0.0)
+"""Where the tool waits in the base's frame while the base drives: behind the mast, out of its camera's sight."""
 HOME = Pose2(1.5, -2.0, math.pi)
 """Where the base waits, in the first table's frame: out of the sight of the tables' cameras."""
 BODY_COLOR, LEG_COLOR = (0.85, 0.68, 0.12, 1.0), (0.15, 0.15, 0.16, 1.0)
@@ -209,10 +209,5 @@ def add_base(client: int, camera: Camera) -> int:
     for x in (-0.44, 0.28):
         dark += [((x - 0.03, y - 0.03, -TABLE_HEIGHT), (x + 0.03, y + 0.03, -0.36)) for y in (-0.16, 0.16)]
     meshes = [trimesh.util.concatenate([trimesh.creation.box(bounds=one) for one in boxes]) for boxes in (trunk, dark)]
-    shapes = [create_visual(client, mesh, c, 0.0) for mesh, c in zip(meshes, (BODY_COLOR, LEG_COLOR), strict=True)]
-    return p.createMultiBody(
-        0.0, -1, shapes[0], linkMasses=[0.0], linkCollisionShapeIndices=[-1], linkVisualShapeIndices=shapes[1:],
-        linkPositions=[(0, 0, 0)], linkOrientations=[(0, 0, 0, 1)], linkInertialFramePositions=[(0, 0, 0)],
-        linkInertialFrameOrientations=[(0, 0, 0, 1)], linkParentIndices=[0], linkJointTypes=[p.JOINT_FIXED],
-        linkJointAxis=[(0, 0, 1)], physicsClientId=client,
-    )  # fmt: skip
+    visuals = [create_visual(client, mesh, c, 0.0) for mesh, c in zip(meshes, (BODY_COLOR, LEG_COLOR), strict=True)]
+    return create_compound(client, -1, visuals, ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 0.0)

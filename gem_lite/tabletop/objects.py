@@ -20,7 +20,7 @@ from shapely.ops import unary_union
 from trimesh import Trimesh
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.tabletop.shapes import Body, triangles
+from gem_lite.tabletop.shapes import Body, create_compound, triangles
 
 TRAINING_VARIANTS = 12
 """Variants 0 .. 11 trained the embedded CLIP; it never saw a later one."""
@@ -446,24 +446,8 @@ def add_object(client: int, name: str, color: RGBA, pose: Pose2, variant: int = 
         )
         for part in pieces
     ]
-    links = len(pieces) - 1
-    body = p.createMultiBody(
-        baseMass=0.03 if movable else 0.0,
-        baseCollisionShapeIndex=p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client),
-        baseVisualShapeIndex=visuals[0],
-        basePosition=(pose.x, pose.y, lower),
-        baseOrientation=quaternion(pose.yaw),
-        linkMasses=[0.0] * links,
-        linkCollisionShapeIndices=[-1] * links,
-        linkVisualShapeIndices=visuals[1:],
-        linkPositions=[(0, 0, 0)] * links,
-        linkOrientations=[(0, 0, 0, 1)] * links,
-        linkInertialFramePositions=[(0, 0, 0)] * links,
-        linkInertialFrameOrientations=[(0, 0, 0, 1)] * links,
-        linkParentIndices=[0] * links,
-        linkJointTypes=[p.JOINT_FIXED] * links,
-        linkJointAxis=[(0, 0, 1)] * links,
-        physicsClientId=client,
-    )
+    collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
+    place = ((pose.x, pose.y, lower), quaternion(pose.yaw))
+    body = create_compound(client, collision, visuals, place, 0.03 if movable else 0.0)
     p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
     return Body(body, lower, movable)

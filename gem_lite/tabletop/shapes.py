@@ -5,6 +5,7 @@ Every body's origin is its centre in x and y; its lowest point is at z = 0 of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
@@ -180,6 +181,35 @@ def triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
 def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
     """PyBullet's visual shape of a mesh, moved down by ``lower`` metres."""
     return p.createVisualShape(p.GEOM_MESH, **triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
+
+
+def create_compound(
+    client: int, collision: int, visuals: Sequence[int], place: tuple[Sequence[float], Sequence[float]], mass: float
+) -> int:
+    """One rigid body that is seen as several shapes in one frame: the first its base, the others its links.
+
+    Args:
+        place: position (m) and quaternion.
+    """
+    links = len(visuals) - 1
+    return p.createMultiBody(
+        baseMass=mass,
+        baseCollisionShapeIndex=collision,
+        baseVisualShapeIndex=visuals[0],
+        basePosition=place[0],
+        baseOrientation=place[1],
+        linkMasses=[0.0] * links,
+        linkCollisionShapeIndices=[-1] * links,
+        linkVisualShapeIndices=visuals[1:],
+        linkPositions=[(0, 0, 0)] * links,
+        linkOrientations=[(0, 0, 0, 1)] * links,
+        linkInertialFramePositions=[(0, 0, 0)] * links,
+        linkInertialFrameOrientations=[(0, 0, 0, 1)] * links,
+        linkParentIndices=[0] * links,
+        linkJointTypes=[p.JOINT_FIXED] * links,
+        linkJointAxis=[(0, 0, 1)] * links,
+        physicsClientId=client,
+    )
 
 
 def create_body(

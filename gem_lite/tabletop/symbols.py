@@ -11,9 +11,9 @@ from shapely import affinity
 from shapely.geometry import Point, Polygon, box
 from shapely.ops import unary_union
 
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import shapes
-from gem_lite.tabletop.shapes import Body, create_body, create_visual
+from gem_lite.tabletop.shapes import Body, create_compound, create_visual
 from gem_lite.tabletop.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
 
 BOX_SIDE = 0.15
@@ -99,7 +99,6 @@ def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
     Raises:
         ValueError: no such symbol.
     """
-    paper, ink = _sheets(symbol)
     boxes, lower = container_boxes((BOX_SIDE, BOX_SIDE)), CONTAINER_HEIGHT / 2
     bounds = np.array(boxes, float)  # (N, 2, 3)
     collision = p.createCollisionShapeArray(
@@ -109,9 +108,8 @@ def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
         physicsClientId=client,
     )
     walls = trimesh.util.concatenate([trimesh.creation.box(bounds=one) for one in bounds])
-    body = create_body(
-        client, collision, create_visual(client, walls, WALLS, lower), pose, lower, 0.0, False, FRICTION
-    )  # fmt: skip
-    for sheet, color in ((paper, PAPER), (ink, INK)):
-        create_body(client, -1, create_visual(client, sheet, color, lower), pose, lower, 0.0, False)
-    return body
+    colored = zip((walls, *_sheets(symbol)), (WALLS, PAPER, INK), strict=True)
+    visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
+    body = create_compound(client, collision, visuals, ((pose.x, pose.y, lower), quaternion(pose.yaw)), 0.0)
+    p.changeDynamics(body, -1, lateralFriction=FRICTION, physicsClientId=client)
+    return Body(body, lower, movable=False)
