@@ -1,0 +1,338 @@
+"""Several tables: frames, tags and localisation, stitch and split, and acting through an estimate."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, mobile
+from gem_lite.config import LITE
+from gem_lite.gem import Policy
+from gem_lite.se2 import Pose2, angle_off
+from gem_lite.steerable import SteerableKernel, correlate
+from gem_lite.tabletop import shapes, tags, tasks
+from gem_lite.tabletop.heightmap import fuse_views
+from gem_lite.tabletop.mobile_world import MobileWorld, RobotBody, side_by_side
+from gem_lite.tabletop.tasks import Task
+from gem_lite.tabletop.world import World
+
+MOBILE = LITE.on_table(1.06)
+TABLES = (Pose2(0.0, 0.0), Pose2(2.0, 1.8, 2.1))
+"""The second one turned and away, so that no frame can be mistaken for another."""
+STILL = RobotBody(odometry=(0.0, 0.0))
+
+
+class Blocks(Task):
+    """One L-block on each table, at the same pose of the table's frame."""
+
+    workspace = MOBILE.workspace
+    spot = Pose2(0.42, 0.21, 0.6)
+    grasp = spot @ Pose2(-0.03, -0.03)
+    """Where the L has its corner: in its middle, it has nothing."""
+
+    def reset(self, world, rng):
+        self.blocks = [
+            world.add(shapes.add_l_block(world.client, (0.8, 0.1, 0.1, 1), table @ self.spot)) for table in world.tables
+        ]
+        self.instruction, self.max_steps = "put the red block on the table", 1
+
+    def score(self, world):
+        return 0.0
+
+    def expert(self, world):
+        return None
+
+
+@pytest.fixture(scope="module")
+def world():
+    with MobileWorld(TABLES) as world:
+        yield world
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return Policy(MOBILE, clip.load(), seed=0)
+
+
+@pytest.fixture(scope="module")
+def observations():
+    with MobileWorld(side_by_side(3)) as world:
+        return world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
+
+
+def choice(pick_table, pick, place_table, place):
+    none = np.zeros(0)
+    return mobile.MobileChoice("", None, (), None, none, none, pick_table, pick, place_table, place)
+
+
+def inside(world, block, table):
+    """A block's pose in a table's frame."""
+    return world.tables[table].inverse() @ world.pose(block)[0]
+
+
+# One kernel for many features
+
+
+@pytest.mark.parametrize("real", [False, True])
+def test_one_kernel_serves_a_batch_forward_and_backward(real):
+    generator = torch.Generator().manual_seed(0)
+    features = torch.randn(3, 2, 20, 14, generator=generator, requires_grad=True)
+    kernel = torch.randn(1, 2, 5, 5, generator=generator, requires_grad=True)
+
+    def response(kernels):
+        if real:
+            return correlate(features, kernels[:, None])
+        return torch.view_as_real(SteerableKernel.lift(kernels, 24, 3).correlate(features))
+
+    shared, repeated = response(kernel), response(kernel.expand(3, -1, -1, -1))
+    assert torch.allclose(shared, repeated, atol=1e-5)
+    weight = torch.randn(shared.shape, generator=generator)
+    for one, other in zip(
+        torch.autograd.grad((shared * weight).sum(), (features, kernel), retain_graph=True),
+        torch.autograd.grad((repeated * weight).sum(), (features, kernel)),
+        strict=True,
+    ):
+        assert one.abs().max() > 0.1 and torch.allclose(one, other, atol=1e-4)
+
+
+def test_kernels_of_another_count_are_refused():
+    with pytest.raises(ValueError, match="features must be"):
+        correlate(torch.zeros(3, 2, 8, 8), torch.zeros(2, 1, 2, 3, 3))
+
+
+# Stitch and split
+
+
+def test_split_undoes_stitch():
+    maps = torch.randn(4, 6, 10, 8, generator=torch.Generator().manual_seed(0))
+    panorama = mobile.stitch(maps)
+    assert panorama.shape == (6, 10, 32)
+    for number in range(0, panorama.numel(), 97):
+        cell = np.unravel_index(number, panorama.shape)
+        table, (angle, row, col) = mobile.split(cell, 8)
+        assert maps[table, angle, row, col] == panorama[cell]
+    table, cell = mobile.split(np.unravel_index(int(panorama.argmax()), panorama.shape), 8)
+    assert maps[(table, *cell)] == maps.max()
+
+
+def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
+    sentence = "pick the mug and place into the recycle box"
+    together = mobile.choose(policy, observations, sentence)
+    assert together.pick_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
+    for table, observation in enumerate(observations):
+        alone = policy.decide(observation, sentence)
+        assert np.abs(together.pick_logits[table] - alone.pick_logits).max() < 1e-5
+    # The place kernel comes from the crop at the one pick, so only its own table has the same one alone.
+    alone = policy.decide(observations[together.pick_table], sentence)
+    assert np.abs(together.place_logits[together.pick_table] - alone.place_logits).max() < 1e-5
+    assert np.ptp(together.pick_logits) > 0.01
+
+
+def test_a_neighbour_changes_nothing(policy, observations):
+    sentence = "pick the mug and place into the recycle box"
+    one = mobile.choose(policy, observations[:2], sentence)
+    other = mobile.choose(policy, [observations[0], observations[2]], sentence)
+    assert np.abs(one.pick_logits[0] - other.pick_logits[0]).max() < 1e-6
+    assert np.abs(one.pick_logits[1] - other.pick_logits[1]).max() > 1e-3
+
+
+def test_the_order_of_tables_does_not_matter(policy, observations):
+    sentence = "pick the mug and place into the recycle box"
+    one, other = (mobile.choose(policy, seen, sentence) for seen in (observations, observations[::-1]))
+    assert (one.pick_table, one.place_table) == (2 - other.pick_table, 2 - other.place_table)
+    assert (one.pick, one.place) == (other.pick, other.place)
+
+
+def test_no_table_is_refused(policy):
+    with pytest.raises(ValueError, match="observations is empty"):
+        mobile.choose(policy, [], "pick the mug and place into the gear box")
+    with pytest.raises(ValueError, match="tables is empty"):
+        MobileWorld(())
+
+
+# The world
+
+
+def test_every_table_is_seen_in_its_own_frame(world):
+    first, second = (fuse_views(seen.views, MOBILE.workspace) for seen in world.reset(Blocks(), 0))
+    row, col = MOBILE.workspace.nearest_cell(Blocks.grasp.x, Blocks.grasp.y)
+    for heightmap in (first, second):
+        assert heightmap.height[row, col] > 0.03
+    same = (first.height > 0.02) == (second.height > 0.02)
+    assert same.mean() > 0.998 and (first.height > 0.02).sum() > 100
+    with World() as alone:
+        reference = fuse_views(alone.reset(Blocks(), 0).views, MOBILE.workspace)
+    assert ((first.height > 0.02) == (reference.height > 0.02)).mean() > 0.998
+
+
+def test_picked_here_placed_there_through_the_estimate(world):
+    world.reset(Blocks(), 1)
+    block = world.task.blocks[0]
+    start, delta = inside(world, block, 0), 0.9
+    pick = replace(Blocks.grasp, yaw=0.0)
+    place = Pose2(0.6, -0.2, pick.yaw + delta)
+    step = mobile.act(world, choice(0, pick, 1, place))
+    moved = inside(world, block, 1)
+    turned = Pose2(place.x, place.y, delta) @ Pose2(start.x - pick.x, start.y - pick.y, start.yaw)
+    assert step.grasped and len(step.trace) > 20
+    assert math.hypot(moved.x - turned.x, moved.y - turned.y) < 0.01
+    assert angle_off(moved.yaw - turned.yaw, 2 * math.pi) < math.radians(3)
+
+
+def test_an_error_of_the_estimate_moves_the_act(world):
+    def moved(place_table, wrong_tables):
+        """How far in y (m) an act means to take the block, and does."""
+        world.reset(Blocks(), 2)
+        block, start = world.task.blocks[0], inside(world, world.task.blocks[0], 0)
+
+        def find(world, table):
+            shifted = mobile.disturbed(mobile.by_truth, Pose2(0.0, 0.015))
+            return (shifted if table in wrong_tables else mobile.by_truth)(world, table)
+
+        place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
+        mobile.act(world, choice(0, Blocks.grasp, place_table, place), find)
+        return inside(world, block, place_table).y - (start.y + place.y - Blocks.grasp.y)
+
+    assert moved(1, ()) == pytest.approx(0, abs=0.004)
+    assert moved(1, (1,)) == pytest.approx(0.015, abs=0.004)
+    assert moved(1, (0,)) == pytest.approx(-0.015, abs=0.004)
+    # Pick and place are wrong by the same shift on one table: the block moves as it was meant to.
+    assert moved(0, (0,)) == pytest.approx(0, abs=0.004)
+
+
+def test_outside_a_table_is_refused_before_anything_moves(world):
+    world.reset(Blocks(), 0)
+    with pytest.raises(ValueError, match=r"choice\.place"):
+        mobile.act(world, choice(0, Pose2(0.5, 0.0), 1, Pose2(0.5, 0.6)))
+    assert not world.gripper.trace
+
+
+# Localisation
+
+
+def errors(world, looks):
+    """Metres over a grid of each table, and radians, of ``looks`` localisations."""
+    w, away, turned = world.workspace, [], []
+    grid = [(x, y) for x in np.linspace(w.x_min, w.x_max, 4) for y in np.linspace(w.y_min, w.y_max, 7)]
+    for number in range(looks):
+        estimate, true = mobile.localise(world, number % 2), world.true_table(number % 2)
+        for x, y in grid:
+            one, other = estimate @ Pose2(x, y), true @ Pose2(x, y)
+            away.append(math.hypot(one.x - other.x, one.y - other.y))
+        turned.append(angle_off(estimate.yaw - true.yaw, 2 * math.pi))
+    return np.array(away), np.array(turned)
+
+
+def test_localisation_is_good_over_the_whole_table(world):
+    world.reset(Blocks(), 3)
+    away, turned = errors(world, 20)
+    assert np.median(away) <= 0.004 and np.median(turned) <= math.radians(0.5)
+    assert np.percentile(away, 95) <= 0.012
+
+
+def test_camera_noise_and_a_wrong_calibration_show():
+    with MobileWorld(TABLES, replace(STILL, camera_noise=25.0)) as noisy:
+        noisy.reset(Blocks(), 3)
+        noisy.drive(0)
+        one, other = noisy.look().rgb.astype(float), noisy.look().rgb.astype(float)
+        assert 15 < (one - other).std() / math.sqrt(2) < 26  # some of it is cut off at 0
+        away, _ = errors(noisy, 10)
+        assert 0 < np.median(away) < 0.01
+    with MobileWorld(TABLES, RobotBody(camera_offset=Pose2(0.02, 0.0))) as off:
+        off.reset(Blocks(), 3)
+        away, turned = errors(off, 10)
+        # The table seems to be 20 mm nearer than it is, along the base's x.
+        assert np.median(away) == pytest.approx(0.02, abs=0.003) and np.median(turned) < math.radians(0.5)
+
+
+def test_a_wrong_tag_is_named_and_nothing_is_done(world):
+    world.reset(Blocks(), 4)
+    block, world.tags = world.task.blocks[0], (7, 1)
+    try:
+        before = world.pose(block)
+        with pytest.raises(mobile.LocalisationError, match="tag 7 is not in the picture, only tag 0"):
+            mobile.act(world, choice(0, Pose2(0.42, 0.21), 1, Pose2(0.5, 0.0)))
+        assert world.gripper.held is None
+        after = world.pose(block)
+        assert math.hypot(after[0].x - before[0].x, after[0].y - before[0].y) < 1e-4
+    finally:
+        world.tags = (0, 1)
+
+
+def test_a_half_hidden_tag_does_not_count(world):
+    world.reset(Blocks(), 4)
+    at = world.tables[0] @ world.tag @ Pose2(0.0, 0.05)
+    shapes.add_box(world.client, (0.16, 0.06, 0.01), (0.3, 0.3, 0.3, 1), at, movable=False)
+    with pytest.raises(mobile.LocalisationError, match=r"table 0 cannot be localised.*15 cm aside.*no tag at all"):
+        mobile.localise(world, 0)
+    assert mobile.localise(world, 1)
+
+
+def test_a_second_look_from_elsewhere(world, monkeypatch):
+    world.reset(Blocks(), 5)
+    look, blind = world.look, []
+
+    def first_blind():
+        view = look()
+        if not blind:
+            blind.append(view)
+            return replace(view, rgb=np.zeros_like(view.rgb))
+        return view
+
+    monkeypatch.setattr(world, "look", first_blind)
+    estimate = mobile.localise(world, 0)
+    assert blind and abs((world.tables[0].inverse() @ world.base).y) > 0.08
+    assert math.hypot(estimate.x - world.true_table(0).x, estimate.y - world.true_table(0).y) < 0.005
+
+
+def test_the_base_stops_where_its_odometry_lets_it():
+    with MobileWorld(TABLES, STILL) as exact:
+        exact.reset(Blocks(), 0)
+        exact.drive(1)
+        where = exact.tables[1].inverse() @ exact.base
+        assert (where.x, where.y) == pytest.approx((0.765 + 0.55, 0.0))
+        with pytest.raises(IndexError):
+            exact.drive(2)
+
+
+def test_tags_have_numbers(world):
+    with pytest.raises(ValueError, match="number must be in"):
+        tags.add_tag(world.client, 587, Pose2(0, 0))
+
+
+# object-sorting
+
+
+@pytest.mark.parametrize("name", ["object-sorting-seen", "object-sorting-unseen"])
+def test_the_expert_sorts_over_two_tables(world, name):
+    tables = set()
+    for index in range(4):
+        task = tasks.make(name, "val")
+        world.reset(task, tasks.episode_seed("val", index))
+        action, poses = task.expert(world).action, []
+        for pose in (action.pick, action.place):
+            for number, table in enumerate(world.tables):
+                there = table.inverse() @ pose
+                if world.workspace.contains(there.x, there.y):
+                    poses += [number, there]
+        tables |= {poses[0], poses[2]}
+        assert mobile.act(world, choice(*poses)).reward == 1
+    assert tables == {0, 1}
+
+
+def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
+    from gem_lite.tabletop.tasks import object_sorting
+
+    assert len(object_sorting.SEEN) == 15 and len(object_sorting.UNSEEN) == 12
+    assert not set(object_sorting.SEEN) & set(object_sorting.UNSEEN)
+    with World() as world:
+        named = []
+        for index in range(15):
+            task = tasks.make("object-sorting-seen")
+            task_seed = tasks.episode_seed("train", index)
+            world.reset(task, task_seed)
+            named.append(task.instruction.split("pick the ")[1].split(" and ")[0])
+            assert len(task.names) == 7
+    assert sorted(named) == sorted(object_sorting.SEEN)
