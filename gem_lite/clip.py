@@ -43,7 +43,7 @@ class Clip:
         if isinstance(model, ResNetClip):
             model.fold_batch_norms()
         self._model = model.to(memory_format=torch.channels_last)
-        self._tokenizer = tokenizer
+        self.tokenizer = tokenizer
         size = preprocessing.get("crop_size") or preprocessing["size"]
         if isinstance(size, dict):
             size = size.get("height") or size["shortest_edge"]
@@ -88,7 +88,7 @@ class Clip:
             raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
         new = [phrase for phrase in dict.fromkeys(phrases) if phrase not in self._texts]
         if new:
-            tokens = self._tokenizer(new, padding=True, truncation=True, return_tensors="pt").to(self.device)
+            tokens = self.tokenizer(new, padding=True, truncation=True, return_tensors="pt").to(self.device)
             features = self._model.get_text_features(
                 input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
             )
@@ -206,5 +206,5 @@ def load(name_or_path: str | Path | None = None) -> Clip:
             "to use the embedded CLIP."
         ) from error
     folder = Path(name) if Path(name).is_dir() else None
-    label = "embedded clip-tabletop" if folder and folder.resolve() == EMBEDDED else name
+    label = f"embedded {folder.name}" if folder and folder.resolve().parent == DATA else name
     return Clip(label, model, tokenizer, preprocessing, folder)

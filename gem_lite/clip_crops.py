@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from gem_lite import vocabulary
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.tabletop import objects, shapes
+from gem_lite.tabletop import objects, shapes, symbols
 from gem_lite.tabletop.cameras import CAMERAS, Camera, render
 from gem_lite.tabletop.heightmap import fuse_views, sort_points
 from gem_lite.tabletop.tasks.spawn import FreeSpace
@@ -34,7 +34,9 @@ SIDE_PATCH = (30, 62)
 """Side lengths (pixels) of crops from camera views; the maps use 40."""
 TOP_PATCH = (0.09, 0.15)
 """Side lengths (metres) of crops from the height map; the maps use 0.125."""
-COLOR_NAMES, SHAPE_NAMES = tuple(vocabulary.COLORS), tuple(vocabulary.SHAPES)
+COLOR_NAMES, SHAPE_NAMES, NOUN_NAMES = (
+    tuple(names) for names in (vocabulary.COLORS, vocabulary.SHAPES, vocabulary.NOUNS)
+)
 PART_KEYS = tuple(vocabulary.PARTS)
 UNNAMED = 0.35
 """Share of training's bodies in any colour at all: their captions name the shape alone, so shape is
@@ -42,7 +44,11 @@ learned apart from the named colours and combines with colours that it was never
 TEST_VARIANTS = 1000
 """Objects in test scenes have variants from here on; see `objects.TRAINING_VARIANTS`."""
 
-Kind = Literal["training", "test", "held-out", "foreign"]
+SYMBOL_BOXES = 0.2
+"""Share of symbol boxes among the bodies of scenes that have any."""
+
+Kind = Literal["training", "test", "held-out", "foreign", "sorting", "sorting-test"]
+TRAINING = ("training", "sorting")
 
 
 @dataclass
@@ -50,8 +56,8 @@ class Crops:
     """Rendered crops and their labels, N of each.
 
     ``images`` (N, 40, 40, 3) uint8. ``color``, ``shape`` and ``part`` (N,) are indices into `COLOR_NAMES`,
-    `SHAPE_NAMES` and `PART_KEYS`; -1 for an unnamed colour, the bare table, and no one part. ``whole`` (N,)
-    tells crops that frame a whole object from patches anywhere on one.
+    `NOUN_NAMES` (which begins with all of `SHAPE_NAMES`) and `PART_KEYS`; -1 for an unnamed colour, the bare
+    table, and no one part. ``whole`` (N,) tells crops that frame a whole object from patches anywhere on one.
     """
 
     images: np.ndarray
@@ -108,8 +114,10 @@ def _add(client: int, shape: str, color: tuple[float, ...], pose: Pose2, kind: K
         return shapes.add_bowl(client, color, pose, movable=False).id
     if kind == "foreign" and shape in ("mug", "duck"):
         return shapes.add_mesh(client, foreign_mesh(shape), color, pose).id
+    if shape in vocabulary.BOXES:
+        return symbols.add_symbol_box(client, shape.removesuffix(" box"), pose).id
     if shape in objects.NAMES:
-        variant = int(rng.integers(objects.TRAINING_VARIANTS)) + (0 if kind == "training" else TEST_VARIANTS)
+        variant = int(rng.integers(objects.TRAINING_VARIANTS)) + (0 if kind in TRAINING else TEST_VARIANTS)
         return objects.add_object(client, shape, color, pose, variant, movable=False).id
     if shape == "L-block":
         mesh = shapes.l_block_mesh()
@@ -134,6 +142,8 @@ def _draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, 
     if kind == "held-out" and rng.random() < 0.5:
         color, shape = sorted(vocabulary.HELD_OUT)[rng.integers(len(vocabulary.HELD_OUT))]
         return COLOR_NAMES.index(color), shape, _jittered(vocabulary.RGB[color], rng)
+    if kind.startswith("sorting") and rng.random() < SYMBOL_BOXES:
+        return -1, str(rng.choice(list(vocabulary.BOXES))), symbols.WALLS
     while True:
         shape = str(rng.choice(SHAPE_NAMES))
         # Blocks and bowls are what most tasks are made of.
@@ -141,7 +151,7 @@ def _draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, 
             shape = str(rng.choice(["block", "bowl"]))
         if kind == "foreign" and rng.random() < 0.5:
             shape = str(rng.choice(["mug", "duck"]))
-        unnamed = kind == "training" and rng.random() < UNNAMED
+        unnamed = kind in TRAINING and rng.random() < UNNAMED
         rgb = rng.uniform(0, 255, 3) if unnamed else None
         color = vocabulary.nearest_color(rgb) if unnamed else str(rng.choice(COLOR_NAMES))
         # An unnamed red-like hexagon would show what is held out.
@@ -153,6 +163,8 @@ def _draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, 
 
 
 def _radius(shape: str) -> float:
+    if shape in vocabulary.BOXES:
+        return symbols.BOX_RADIUS
     if shape in ("box", "plate", *objects.NAMES):
         return 0.054
     return {"bowl": 0.058, "block": 0.03, "L-block": 0.07, "ball": 0.024, "cylinder": 0.024, "cone": 0.028}.get(
@@ -183,7 +195,7 @@ def _lay_out(client: int, workspace: Workspace, kind: Kind, rng: np.random.Gener
         if pose is None:
             continue
         named = () if kind == "foreign" or shape not in objects.NAMES else tuple(q.name for q in objects.parts(shape))
-        owner[_add(client, shape, rgba, pose, kind, rng)] = _Label(color, SHAPE_NAMES.index(shape), named)
+        owner[_add(client, shape, rgba, pose, kind, rng)] = _Label(color, NOUN_NAMES.index(shape), named)
         if shape == "bowl" and rng.random() < 0.15:
             # A block in a bowl, as the table shows after a placement.
             inside = int(rng.integers(len(COLOR_NAMES)))
@@ -289,7 +301,8 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
 
     Args:
         kind: "training"; "test" has other variants of the objects; in "held-out" half the bodies are of
-            pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck.
+            pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck; "sorting"
+            and "sorting-test" are like "training" and "test", with symbol boxes among the bodies.
     """
     jobs = [(seed, index, kind) for index in range(scenes)]
     with multiprocessing.get_context("spawn").Pool(os.cpu_count()) as pool:

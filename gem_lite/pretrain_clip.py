@@ -25,7 +25,7 @@ from tqdm import tqdm
 from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
 
 from gem_lite import clip, clip_card, vocabulary
-from gem_lite.clip_crops import COLOR_NAMES, IMAGE_SIZE, PART_KEYS, SHAPE_NAMES, Crops, render_crops
+from gem_lite.clip_crops import COLOR_NAMES, IMAGE_SIZE, NOUN_NAMES, PART_KEYS, SHAPE_NAMES, Crops, render_crops
 from gem_lite.resnet_clip import ResNetClip, ResNetClipConfig
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
@@ -110,7 +110,7 @@ def caption_sets(crops: Crops, rng: np.random.Generator) -> list[tuple[np.ndarra
         keys = [
             (
                 COLOR_NAMES[c] if c >= 0 else None,
-                SHAPE_NAMES[s] if s >= 0 else None,
+                NOUN_NAMES[s] if s >= 0 else None,
                 PART_KEYS[q][1] if q >= 0 else None,
             )
             for c, s, q in unique
@@ -194,20 +194,28 @@ def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed:
 
 
 def train(
-    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512
-) -> tuple[ResNetClip, PreTrainedTokenizerFast]:
+    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE,
+    begun: tuple[ResNetClip, PreTrainedTokenizerFast] | None = None,
+) -> tuple[ResNetClip, PreTrainedTokenizerFast]:  # fmt: skip
     """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
+
+    Args:
+        begun: a trained model and its tokenizer, to train further; fresh ones without it.
 
     Raises:
         ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
     """
     torch.manual_seed(seed)
-    tokenizer = train_tokenizer()
-    model = make_model(len(tokenizer)).to(memory_format=torch.channels_last).train()
-    optimizer = torch.optim.AdamW(model.parameters(), lr=LEARNING_RATE, weight_decay=0.05)
+    if begun:
+        model, tokenizer = begun
+    else:
+        tokenizer = train_tokenizer()
+        model = make_model(len(tokenizer))
+    model = model.to(memory_format=torch.channels_last).train()
+    optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
     steps = epochs * (len(crops) // batch)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, LEARNING_RATE, total_steps=steps, pct_start=0.1)
-    identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch}
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps, pct_start=0.1)
+    identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch, "rate": rate}
     state_file, start = run / "state.pt", 0
     if state_file.exists():
         state = torch.load(state_file)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gem_lite import colors
-from gem_lite.tabletop import objects, shapes
+from gem_lite.tabletop import objects, shapes, symbols
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -87,6 +87,16 @@ SHAPES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Each shape's or object's names, the plain one first."""
 
+_SYMBOL_SYNONYMS = {"recycle": "recycling", "gear": "cogwheel", "smiley": "smile face", "moon": "crescent"}
+
+BOXES: dict[str, tuple[str, ...]] = {
+    f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
+    for symbol in symbols.SYMBOLS
+}
+"""Names of the boxes told apart by a symbol, which `extend_clip` teaches."""
+
+NOUNS = SHAPES | BOXES
+
 _PART_SYNONYMS = {"handle": "grip", "brim": "rim", "body": "middle", "head": "tip", "blade": "edge"}
 
 PARTS: dict[tuple[str, str], tuple[str, ...]] = {
@@ -138,14 +148,14 @@ def nearest_color(rgb: np.ndarray) -> str:
 def caption(color: str | None, shape: str | None, rng: np.random.Generator, part: str | None = None) -> str:
     """A random caption of a colour, a shape, both, or (neither) the bare table.
 
-    ``part`` names a part of the shape: "blue mug handle". A shape that is not in `SHAPES` is said as it is.
+    ``part`` names a part of the shape: "blue mug handle". A shape that is not in `NOUNS` is said as it is.
     """
     if color is None and shape is None:
         return str(rng.choice(TABLE))
     word = rng.choice(COLORS[color]) if color else ""
     if shape is None:
         return str(rng.choice(_THING)).format(word)
-    noun = str(rng.choice(SHAPES.get(shape, (shape,))))
+    noun = str(rng.choice(NOUNS.get(shape, (shape,))))
     if part:
         noun = f"{noun} {rng.choice(PARTS[shape, part])}"
     if rng.random() < 0.3:
