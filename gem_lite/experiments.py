@@ -97,6 +97,8 @@ class Experiment:
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
+PLAIN = ("gem-without-recoloring", methods.PLAIN_CLIPORT)
+"""Methods with the paper's augmentation alone, where others get our recolouring as well."""
 PLAN = (
     *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),
@@ -106,7 +108,9 @@ PLAN = (
     *(Experiment(f"gem-{ending}", INSERTION, demos, episodes=50) for ending, demos in (
         ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
     *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
-    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS),
+    *(Experiment(method, BOWL, seed=seed) for seed in (0, 1, 2) for method in PLAIN),
+    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in PLAIN),
+    *(Experiment(method, BOWL, 1) for method in PLAIN),
     Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),

@@ -9,7 +9,8 @@ from gem_lite.gem import Policy
 from gem_lite.policy import PickPlacePolicy
 
 METHODS: dict[str, type[PickPlacePolicy]] = {method.method: method for method in (Policy, TransporterLan, ClipPort)}
-NAMES = (*METHODS, *(f"{Policy.method}-{ending}" for ending in ABLATIONS))
+PLAIN_CLIPORT = f"{ClipPort.method}-without-recoloring"
+NAMES = (*METHODS, *(f"{Policy.method}-{ending}" for ending in ABLATIONS), PLAIN_CLIPORT)
 HELP = "methods:\n" + "\n".join(
     f"  {name:34s}{meaning}"
     for name, meaning in {
@@ -17,6 +18,7 @@ HELP = "methods:\n" + "\n".join(
         "transporter-lan": "Transporter Networks with language",
         "cliport": "a semantic stream from CLIP beside a spatial one",
         **{f"gem-{ending}": ablation.meaning for ending, ablation in ABLATIONS.items()},
+        PLAIN_CLIPORT: "CLIPort with the paper's augmentation alone",
     }.items()
 )
 """The end of a command line's help."""
@@ -30,6 +32,6 @@ def find(name: str, config: Config) -> tuple[type[PickPlacePolicy], Config]:
     """
     if name not in NAMES:
         raise ValueError(f"method must be one of {', '.join(NAMES)}, got {name!r}")
-    if name in METHODS:
-        return METHODS[name], config
-    return Policy, config.ablated(name.removeprefix(f"{Policy.method}-"))
+    method = next(method for method in METHODS if name == method or name.startswith(f"{method}-"))
+    ending = name.removeprefix(method).removeprefix("-")
+    return METHODS[method], config.ablated(ending) if ending else config

@@ -95,6 +95,8 @@ def main() -> None:
     for name, method in methods.METHODS.items():
         policy, clock = method(LITE, model), Clock()
         prepared = policy.prepare(demos)
+        for module in policy.modules.values():
+            module.to(memory_format=torch.channels_last)
         optimizers = {role: torch.optim.Adam(m.parameters(), lr=1e-3) for role, m in policy.modules.items()}
         watch_parts(policy, clock)
         step_by_parts(policy, prepared, optimizers, clock)
