@@ -100,6 +100,16 @@ def cameras_around(workspace: Workspace) -> tuple[Camera, ...]:
     return tuple(replace(c, position=tuple(at.tolist())) for c, at in zip(CAMERAS, placed, strict=True))
 
 
+def looking(name: str, position: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
+    """A camera at ``position`` that looks at ``target`` (m), upright; not for straight down."""
+    forward = np.subtract(target, position)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, (0, 0, 1))
+    right /= np.linalg.norm(right)
+    turn = Rotation.from_matrix(np.stack([right, np.cross(forward, right), forward], axis=1))
+    return Camera(name, position, tuple(turn.as_quat().tolist()))
+
+
 def render(
     client: int,
     camera: Camera,

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.cameras import Camera, View, cameras_around, render
+from gem_lite.tabletop.cameras import Camera, View, cameras_around, looking, render
 from gem_lite.tabletop.gripper import CLEARANCE, GripperState
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
@@ -135,6 +135,14 @@ class MobileWorld(Simulation):
             Observation(tuple(take(self.client, camera, table) for camera in cameras_around(self.workspace)))
             for table in self.tables
         )
+
+    def photograph(self) -> np.ndarray:
+        """(H, W, 3) uint8: tables and robot from outside, for figures."""
+        middles = [table @ Pose2(self.workspace.x_max, 0.0) for table in self.tables]
+        x, y = np.mean([(at.x, at.y) for at in middles], axis=0)
+        away = 1.2 + max(np.hypot(at.x - x, at.y - y) for at in middles)
+        camera = looking("outside", (x + 1.1 * away, y - 0.5 * away, 0.6 * away), (x, y, -0.15))
+        return render(self.client, camera)[0].rgb
 
     def drive(self, table: int, sideways: float = 0.0) -> None:
         """Bring the base before a table, as near to where it is meant to stop as its odometry allows.

@@ -1,0 +1,93 @@
+"""Drawings of the lesson on several tables: stitched maps, localisation, success against pose error."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gem_lite.mobile import MobileChoice
+from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.results import Cell
+from gem_lite.se2 import Pose2, Workspace
+from gem_lite.tabletop.cameras import View
+
+
+def side_by_side(pictures: np.ndarray) -> np.ndarray:
+    """(N, H, W, ...) of N tables as one picture (H, N W, ...)."""
+    return np.concatenate(list(pictures), axis=1)
+
+
+def draw_seams(ax: Axes, count: int, width: int) -> None:
+    """A white line between neighbouring tables of a stitched picture."""
+    for seam in range(1, count):
+        ax.axvline(seam * width - 0.5, color="white", lw=1.5)
+
+
+def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
+    """The tables and the stitched action maps of pick and place: one scale, one best action over all tables."""
+    workspace, count = choice.heightmaps[0].workspace, len(choice.heightmaps)
+    width = workspace.shape[1]
+    semantic = choice.inputs.image[:, 4:6].numpy()
+    fig, axes = plt.subplots(1, 5, figsize=(2.1 * count * 2 + 3.5, 4.6), layout="constrained")
+    bare(axes[0], "from above").imshow(side_by_side([one.rgb for one in choice.heightmaps]))
+    roles = (
+        ("pick", choice.phrases.pick, choice.pick_logits, choice.pick_table, choice.pick, PICK_COLOR),
+        ("place", choice.phrases.place, choice.place_logits, choice.place_table, choice.place, PLACE_COLOR),
+    )
+    for number, (role, phrase, logits, table, pose, color) in enumerate(roles):
+        shifted = Pose2(pose.x + table * width * workspace.pixel, pose.y, pose.yaw)
+        draw_gripper(axes[0], shifted, workspace, color)
+        seen = bare(axes[1 + 2 * number], f"semantic map\n{phrase}").imshow(
+            side_by_side(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1
+        )
+        stitched = action_map(side_by_side(logits.transpose(0, 2, 3, 1)).transpose(2, 0, 1))
+        ax = bare(axes[2 + 2 * number], f"{role}: stitched action map")
+        scored = ax.imshow(stitched, cmap="viridis")
+        row, col = workspace.to_pixel(shifted.x, shifted.y)
+        ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
+        fig.colorbar(seen, ax=axes[1 + 2 * number], location="bottom", label="0: typical cell, 1: typical match")
+        fig.colorbar(scored, ax=ax, location="bottom", label="logit - best logit")
+    for ax in axes:
+        draw_seams(ax, count, width)
+        ax.set(xlim=(-0.5, count * width - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    fig.suptitle(f'"{choice.instruction}"   (maps by {clip_name})', fontsize=10)
+    return fig
+
+
+def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspace: Workspace) -> Figure:
+    """The body camera's picture with a tag's corners (4, 2), and by how many millimetres (H, W) each point is off."""
+    fig, axes = plt.subplots(1, 2, figsize=(8.4, 3.8), width_ratios=(2, 1), layout="constrained")
+    bare(axes[0], "body camera; the tag's corners as found").imshow(view.rgb)
+    axes[0].plot(*np.concatenate([corners, corners[:1]]).T, color="#00e5ff", lw=1.5)
+    for number, (x, y) in enumerate(corners):
+        axes[0].text(x, y, str(number), color="#00e5ff", fontsize=9)
+    extent = (workspace.x_min, workspace.x_max, workspace.y_min, workspace.y_max)
+    shown = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
+    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="where a point is thought to be")
+    axes[1].title.set_fontsize(9)
+    fig.colorbar(shown, ax=axes[1], label="mm off")
+    return fig
+
+
+def show_error_curves(curves: dict[str, dict[str, dict[float, Cell]]]) -> Figure:
+    """Success against the error of the tables' poses: a panel for each kind of error, a line for each task.
+
+    Args:
+        curves: label of the error to task to its size to cell.
+    """
+    fig, axes = plt.subplots(1, len(curves), figsize=(4.4 * len(curves), 3.4), sharey=True, layout="constrained")
+    for ax, (label, lines) in zip(np.atleast_1d(axes), curves.items(), strict=True):
+        for name, cells in lines.items():
+            sizes = np.array(sorted(cells))
+            means = np.array([cells[size].mean for size in sizes])
+            ends = np.array([cells[size].interval for size in sizes]).T
+            ax.errorbar(
+                sizes, means, np.clip([means - ends[0], ends[1] - means], 0, None), fmt="o-", capsize=3, label=name
+            )
+        ax.set(xlabel=label, ylim=(-3, 103))
+        ax.grid(alpha=0.3)
+    np.atleast_1d(axes)[0].set_ylabel("success (0-100)")
+    np.atleast_1d(axes)[0].legend(fontsize=8)
+    return fig
