@@ -30,9 +30,7 @@ def test_embeddings_are_unit_length_and_deterministic(model):
 def test_text_is_pooled_at_the_end_token(model):
     # The trap: with eos_token_id 2, transformers pools at argmax(input_ids), some other word.
     assert model._model.config.text_config.eos_token_id == pretrain_clip.EOS != 2
-    tokens = model.tokenizer(
-        ["red block", "a picture of the purple letter R shape"], padding=True, return_tensors="pt"
-    )
+    tokens = model.tokenizer(["red block", "a picture of the purple letter R shape"], padding=True, return_tensors="pt")
     output = model._model.text_model(**{k: tokens[k] for k in ("input_ids", "attention_mask")})
     for row, (ids, pooled) in enumerate(zip(tokens["input_ids"], output.pooler_output, strict=True)):
         end = (ids == pretrain_clip.EOS).nonzero()[0, 0]

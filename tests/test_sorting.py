@@ -1,0 +1,186 @@
+"""object-sorting: its symbols, the CLIP words for them, measuring over several tables, and the drawings."""
+
+import json
+import math
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, clip_crops, evaluate_mobile, mobile, plot_mobile, vocabulary
+from gem_lite.config import LITE
+from gem_lite.evaluate_mobile import Condition, Outcome
+from gem_lite.gem import Policy
+from gem_lite.results import Cell
+from gem_lite.se2 import Pose2
+from gem_lite.tabletop import symbols, tasks
+from gem_lite.tabletop.cameras import looking
+from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
+
+MOBILE = LITE.on_table(1.06)
+
+
+@pytest.fixture(scope="module")
+def world():
+    with MobileWorld(side_by_side(2)) as world:
+        yield world
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return Policy(MOBILE, clip.load(), seed=0)
+
+
+@pytest.fixture(autouse=True)
+def close():
+    yield
+    plt.close("all")
+
+
+@pytest.mark.parametrize("symbol", symbols.SYMBOLS)
+def test_symbols_fit_their_paper_and_differ(symbol):
+    shape = symbols.symbol_outline(symbol)
+    x0, y0, x1, y1 = shape.bounds
+    assert max(x1 - x0, y1 - y0) == pytest.approx(symbols.SYMBOL_SIDE) and shape.is_valid
+    assert (x0 + x1, y0 + y1) == pytest.approx((0, 0), abs=1e-9)
+    others = [symbols.symbol_outline(other) for other in symbols.SYMBOLS if other != symbol]
+    assert min(shape.symmetric_difference(other).area for other in others) > 0.15 * shape.area
+
+
+def test_an_unknown_symbol_is_named():
+    with pytest.raises(ValueError, match="symbol must be one of recycle, gear"):
+        symbols.symbol_outline("skull")
+
+
+def test_table_of_another_length_keeps_its_pixels():
+    assert MOBILE.workspace.shape == LITE.workspace.shape and MOBILE.pixel == pytest.approx(0.006625)
+    assert LITE.on_table(1.0) == LITE
+    assert MOBILE.workspace.length == pytest.approx(1.06)
+
+
+def test_a_camera_looks_where_it_is_told():
+    camera = looking("one", (1.0, 2.0, 0.5), (0.0, 0.0, 0.0))
+    ray = camera.rotation[:, 2]
+    assert np.allclose(ray, np.array([-1.0, -2.0, -0.5]) / math.sqrt(5.25))
+    assert camera.rotation[2, 0] == pytest.approx(0) and camera.rotation[2, 1] < 0  # level, and down is down
+    assert np.linalg.det(camera.rotation) == pytest.approx(1)
+
+
+# CLIP's words and pictures
+
+
+def test_symbol_boxes_are_said_and_shown_in_sorting_scenes_alone():
+    rng = np.random.default_rng(0)
+    said = {vocabulary.caption(None, "gear box", rng) for _ in range(200)}
+    assert any("gear box" in text for text in said) and any("cogwheel box" in text for text in said)
+    assert not set(vocabulary.BOXES) & set(vocabulary.SHAPES)
+    assert clip_crops.NOUN_NAMES[: len(clip_crops.SHAPE_NAMES)] == clip_crops.SHAPE_NAMES
+    for kind, share in (("training", 0.0), ("test", 0.0), ("sorting", 0.2), ("sorting-test", 0.2)):
+        drawn = [clip_crops._draw(kind, rng)[1] for _ in range(500)]
+        assert np.mean([name in vocabulary.BOXES for name in drawn]) == pytest.approx(share, abs=0.06)
+
+
+def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
+    rows = [row for index in range(3) for row in clip_crops.render_scene(np.random.default_rng((5, index)), "sorting")]
+    boxed = [row for row in rows if row[2] >= len(clip_crops.SHAPE_NAMES)]
+    assert len(boxed) > 10 and all(row[1] == -1 for row in boxed)
+    # Paper, ink and walls are one body: crops of boxes hold white, black and blue.
+    pictures = np.stack([row[0] for row in boxed]).reshape(len(boxed), -1, 3)
+    assert ((pictures.min(axis=2) > 180).mean(axis=1) > 0.05).mean() > 0.5
+
+
+# Measuring
+
+
+def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, monkeypatch):
+    chosen = []
+    choose = mobile.choose
+
+    def counted(*args):
+        chosen.append(choose(*args))
+        return chosen[-1]
+
+    monkeypatch.setattr(mobile, "choose", counted)
+    conditions = [Condition("tags"), Condition("truth"), Condition("truth", 0.3)]
+    found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, conditions)
+    assert len(chosen) == 1 and len(found.rewards) == 3 and found.index == 0
+    assert found.rewards[0] == found.rewards[1] or not found.errors
+
+
+def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
+    def lost(world, table):
+        raise mobile.LocalisationError("nowhere")
+
+    monkeypatch.setattr(mobile, "localise", lost)
+    found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, [Condition("tags")])
+    assert found.rewards == (0.0,) and found.errors == ("nowhere",)
+
+
+def test_injected_errors_have_their_size(world):
+    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
+    find = Condition("truth", 0.03, math.radians(4)).finder(np.random.default_rng(0))
+    middle, sides = Pose2(0.5, 0.0), set()
+    for _ in range(8):
+        estimate = find(world, 1) @ middle
+        true = world.true_table(1) @ middle
+        assert math.hypot(estimate.x - true.x, estimate.y - true.y) == pytest.approx(0.03)
+        sides.add(round(math.degrees(estimate.yaw - true.yaw)))
+    assert sides == {-4, 4}
+
+
+def test_a_row_for_each_condition():
+    conditions = [Condition("tags"), Condition("tags", 0.02)]
+    found = [Outcome(0, (1.0, 0.0), ()), Outcome(1, (1.0, 1.0), ())]
+    first, second = evaluate_mobile.rows_of(found, conditions, {"method": "gem"})
+    assert (first["mean"], second["mean"]) == (100.0, 50.0) and second["shift"] == 0.02
+    assert second["rewards"] == {"0": 0.0, "1": 1.0} and first["method"] == "gem"
+    assert json.dumps(first)
+
+
+def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
+    with pytest.raises(ValueError, match="task must be one of object-sorting-seen"):
+        evaluate_mobile.measure(tmp_path / "none", "bars-in-box", 1, [Condition("tags")])
+    with pytest.raises(ValueError, match="episodes must be at least 1"):
+        evaluate_mobile.measure(tmp_path / "none", "object-sorting-seen", 0, [Condition("tags")])
+    arguments = ["evaluate_mobile", str(tmp_path / "none.safetensors"), "--clip", str(clip.EMBEDDED)]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as stopped:
+        evaluate_mobile.main()
+    assert stopped.value.code == 2 and "none.safetensors is missing" in capsys.readouterr().err
+
+
+# Drawings
+
+
+def test_stitched_figure_marks_pick_and_place_on_their_tables(world, policy):
+    task = tasks.make("object-sorting-seen", "val")
+    choice = mobile.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    fig = plot_mobile.show_stitched(choice, "some CLIP")
+    shown = [ax for ax in fig.axes if ax.get_title()]
+    assert len(shown) == 5 and all(ax.images[0].get_array().shape[:2] == (160, 160) for ax in shown)
+    for ax, table, pose in ((shown[2], choice.pick_table, choice.pick), (shown[4], choice.place_table, choice.place)):
+        ring = next(line for line in ax.lines if line.get_marker() == "o")
+        row, col = MOBILE.workspace.to_pixel(pose.x, pose.y)
+        assert (ring.get_xdata()[0], ring.get_ydata()[0]) == pytest.approx((col + 80 * table, row))
+        assert ax.images[0].get_array()[round(row), round(col) + 80 * table] == 0  # the best logit is there
+
+
+def test_localisation_and_curves_are_drawn(world):
+    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
+    world.drive(0)
+    view = world.look()
+    away = np.ones(MOBILE.workspace.shape)
+    fig = plot_mobile.show_localisation(view, mobile.find_tags(view)[0], away, MOBILE.workspace)
+    assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
+    assert world.photograph().shape == (480, 640, 3)
+    cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None) for size in (0, 2, 4)}
+    fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}})
+    assert [ax.get_xlabel() for ax in fig.axes] == ["shift (cm)", "turn (°)"]
+    assert list(fig.axes[0].containers[0].lines[0].get_ydata()) == [90, 88, 86]
+
+
+def test_weights_know_nothing_of_the_table_length():
+    one, other = (Policy(config, clip.load(), seed=0) for config in (LITE, MOBILE))
+    assert all(torch.equal(a, b) for a, b in zip(one.pick.parameters(), other.pick.parameters(), strict=True))
