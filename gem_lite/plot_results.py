@@ -18,7 +18,7 @@ METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2"}
 
 
 def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -> Figure:
-    """Losses of named trainings over their steps, (steps, 2) of pick and place, as running means.
+    """Losses of named trainings over their steps, (steps, 2) of pick and place, as running medians.
 
     Args:
         floor: the smallest loss that the pick's equally right angles allow.
@@ -26,12 +26,12 @@ def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -
     fig, axes = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
     for ax, column, role in zip(axes, (0, 1), ("pick", "place"), strict=True):
         for name, values in losses.items():
-            smooth = np.convolve(values[:, column], np.ones(window) / window, mode="valid")
+            smooth = np.median(np.lib.stride_tricks.sliding_window_view(values[:, column], window), axis=1)
             ax.plot(np.arange(len(smooth)) + window, smooth, color=METHOD_COLORS.get(name), label=name)
         ax.axhline(floor, color="0.5", ls=":", label="four angles equally right" if role == "pick" else None)
         ax.set(xlabel="step", title=role, ylim=(0, None))
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel(f"cross-entropy (mean of {window} steps)")
+    axes[0].set_ylabel(f"cross-entropy (median of {window} steps)")
     axes[0].legend(fontsize=8)
     return fig
 
