@@ -28,9 +28,9 @@ def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -
         for name, values in losses.items():
             smooth = np.median(np.lib.stride_tricks.sliding_window_view(values[:, column], window), axis=1)
             ax.plot(np.arange(len(smooth)) + window, smooth, color=METHOD_COLORS.get(name), label=name)
-        ax.axhline(floor, color="0.5", ls=":", label="four angles equally right" if role == "pick" else None)
         ax.set(xlabel="step", title=role, ylim=(0, None))
         ax.grid(alpha=0.3)
+    axes[0].axhline(floor, color="0.5", ls=":", label="four angles equally right")
     axes[0].set_ylabel(f"cross-entropy (median of {window} steps)")
     axes[0].legend(fontsize=8)
     return fig
