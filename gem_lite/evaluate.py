@@ -241,12 +241,12 @@ def main() -> None:
         card = {} if args.method in SCRIPTED else read_card(args.checkpoint)
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
+    settings = card.get("config", {})
     facts = {
         "split": args.split, "start": args.start,
         **{name: card.get(name) for name in ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware")},
-        "config": card.get("config", {}).get("name", "lite"), "steps": card.get("config", {}).get("steps"),
-        "clip": card.get("clip", {}).get("name"),
-        "checkpoint_sha256": card.get("sha256"),
+        "config": settings.get("name", "lite"), "steps": settings.get("steps"),
+        "clip": card.get("clip", {}).get("name"), "checkpoint_sha256": card.get("sha256"),
     }  # fmt: skip
     rows = [result_row(args.method, args.task, found, "all", facts)]
     both_new = [e for e in found if e.named_colors and set(e.named_colors) <= set(colors.NEW)]

@@ -101,8 +101,8 @@ class Experiment:
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
-PLAIN = ("gem-without-recoloring", methods.PLAIN_CLIPORT)
-"""Methods with the paper's augmentation alone, where others get our recolouring as well."""
+TRUE_COLORS = ("gem-without-recoloring", methods.CLIPORT_WITHOUT_RECOLORING)
+"""Methods trained on true colours, with the paper's augmentation alone."""
 SHORT = 300
 """Steps of a training that validation episodes preferred for a single demonstration."""
 PLAN = (
@@ -115,12 +115,12 @@ PLAN = (
         ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
     *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
     *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS),
-    *(Experiment(method, BOWL) for method in PLAIN),
-    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in PLAIN),
+    *(Experiment(method, BOWL) for method in TRUE_COLORS),
+    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in TRUE_COLORS),
     Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
-    *(Experiment(method, BOWL, demos, seed) for demos, seed in ((1, 0), (10, 1), (10, 2)) for method in PLAIN),
+    *(Experiment(method, BOWL, demos, seed) for demos, seed in ((1, 0), (10, 1), (10, 2)) for method in TRUE_COLORS),
 )  # fmt: skip
 """The comparison, in the order in which it runs."""
 

@@ -88,7 +88,7 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set(xlim=(0, 112), xlabel="success (0-100), with 95 % interval", title=title)
-    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.4, -0.16 - 0.2 / len(names)), ncols=len(groups))
+    fig.legend(fontsize=8, loc="outside lower center", ncols=len(groups))
     ax.grid(axis="x", alpha=0.3)
     return fig
 
@@ -111,7 +111,7 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
         trio[0].set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
         for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
             ax.imshow(action_map(logits), cmap=MAP_COLORS)
-        for ax, name in zip(trio, (title, "pick", "place"), strict=True):
+        for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
             bare(ax, name).axis("on")
-        trio[0].set_xlabel(f'"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
+        trio[0].set_xlabel(f'{title}\n"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
     return fig

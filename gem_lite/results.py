@@ -34,8 +34,8 @@ def cell(method: str, task: str, demos: int | None = 10, episodes: int | None = 
 
     Args:
         demos: demonstrations it was trained on; None for what is not trained.
-        steps: of its training.
         episodes: only the first so many, to compare with a cell that has fewer.
+        steps: of its training.
 
     Raises:
         LookupError: there is no such row, or rows of different episodes.

@@ -290,9 +290,9 @@ def test_wrong_names_are_answered_with_the_right_ones():
 
 
 def test_cliport_without_recoloring_is_cliport_but_for_that(model):
-    method, config = methods.find(methods.PLAIN_CLIPORT, LITE)
+    method, config = methods.find(methods.CLIPORT_WITHOUT_RECOLORING, LITE)
     plain, other = method(config, model), methods.METHODS["cliport"](LITE, model)
-    assert plain.name == methods.PLAIN_CLIPORT and type(plain) is type(other)
+    assert plain.name == methods.CLIPORT_WITHOUT_RECOLORING and type(plain) is type(other)
     assert (plain.recolors, other.recolors) == (False, True)
     assert dataclasses.replace(config, recolor=True) == LITE
 
