@@ -29,7 +29,7 @@ from gem_lite.train import load_policy, read_card
 RESULTS = clip.DATA / "results"
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
-IDENTITY = ("method", "task", "subset", "demos", "seed", "config", "split", "start")
+IDENTITY = ("method", "task", "subset", "demos", "seed", "config", "steps", "split", "start")
 """What names a cell of the policies' results: a newer row of the same cell replaces the older one."""
 Actor = Callable[[World, Observation], Action | None]
 """Chooses an action. Only experts look at the world; a policy's actor passes on the observation alone."""
@@ -241,11 +241,12 @@ def main() -> None:
         card = {} if args.method in SCRIPTED else read_card(args.checkpoint)
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
+    settings = card.get("config", {})
     facts = {
         "split": args.split, "start": args.start,
         **{name: card.get(name) for name in ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware")},
-        "config": card.get("config", {}).get("name", "lite"), "clip": card.get("clip", {}).get("name"),
-        "checkpoint_sha256": card.get("sha256"),
+        "config": settings.get("name", "lite"), "steps": settings.get("steps"),
+        "clip": card.get("clip", {}).get("name"), "checkpoint_sha256": card.get("sha256"),
     }  # fmt: skip
     rows = [result_row(args.method, args.task, found, "all", facts)]
     both_new = [e for e in found if e.named_colors and set(e.named_colors) <= set(colors.NEW)]

@@ -18,7 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from gem_lite import clip, evaluate, methods, pointing
-from gem_lite.config import ABLATIONS
+from gem_lite.config import ABLATIONS, LITE
 from gem_lite.tabletop import tasks
 
 FOLDER = Path("runs/experiments")
@@ -33,6 +33,7 @@ class Experiment:
     Attributes:
         method: see `methods.NAMES`, `evaluate.SCRIPTED` and `pointing.METHOD`; the latter two are not trained.
         episodes: test episodes of the task, and as many of its unseen variant if it has one.
+        steps: of the training.
     """
 
     method: str
@@ -40,6 +41,7 @@ class Experiment:
     demos: int = 10
     seed: int = 0
     episodes: int = 100
+    steps: int = LITE.steps
 
     @property
     def scripted(self) -> bool:
@@ -54,7 +56,8 @@ class Experiment:
     @property
     def name(self) -> str:
         """Names the experiment's files."""
-        return f"{self.method}-{self.family}" + ("" if self.scripted else f"-{self.demos}-{self.seed}")
+        trained = f"-{self.demos}-{self.seed}" + (f"-{self.steps}" if self.steps != LITE.steps else "")
+        return f"{self.method}-{self.family}" + ("" if self.scripted else trained)
 
     @property
     def measured_on(self) -> tuple[str, ...]:
@@ -65,14 +68,14 @@ class Experiment:
     @property
     def checkpoint(self) -> Path:
         """Where its policy is kept: GEM's from ten demonstrations, with seed 0, are shipped."""
-        if (self.method, self.demos, self.seed) == ("gem", 10, 0):
+        if (self.method, self.demos, self.seed, self.steps) == ("gem", 10, 0, LITE.steps):
             return clip.DATA / f"gem-{self.family}.safetensors"
         return FOLDER / f"{self.name}.safetensors"
 
     def done(self) -> bool:
         """Whether every row is filed."""
         cell = {"method": self.method, "split": "test", "start": 0, "subset": "all"}
-        cell |= {} if self.scripted else {"demos": self.demos, "seed": self.seed}
+        cell |= {} if self.scripted else {"demos": self.demos, "seed": self.seed, "steps": self.steps}
         rows = [row for row in evaluate.read_rows(evaluate.results_file(self.task)) if cell.items() <= row.items()]
         return {row["task"] for row in rows if row["episodes"] >= self.episodes} >= set(self.measured_on)
 
@@ -85,7 +88,8 @@ class Experiment:
         if not self.scripted and not self.checkpoint.exists():
             found.append(
                 ["gem_lite.train", str(demonstrations_of(self.task)), str(self.checkpoint), "--method", self.method,
-                 "--episodes", str(self.demos), "--seed", str(self.seed), "--run", str(FOLDER / "state" / self.name)]
+                 "--episodes", str(self.demos), "--seed", str(self.seed), "--steps", str(self.steps),
+                 "--run", str(FOLDER / "state" / self.name)]
             )  # fmt: skip
         measure = [] if self.scripted else ["--checkpoint", str(self.checkpoint)]
         measure += ["--episodes", str(self.episodes), "--processes", "1", *out]
@@ -97,8 +101,10 @@ class Experiment:
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
-PLAIN = ("gem-without-recoloring", methods.PLAIN_CLIPORT)
-"""Methods with the paper's augmentation alone, where others get our recolouring as well."""
+TRUE_COLORS = ("gem-without-recoloring", methods.CLIPORT_WITHOUT_RECOLORING)
+"""Methods trained on true colours, with the paper's augmentation alone."""
+SHORT = 300
+"""Steps of a training that validation episodes preferred for a single demonstration."""
 PLAN = (
     *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),
@@ -108,12 +114,13 @@ PLAN = (
     *(Experiment(f"gem-{ending}", INSERTION, demos, episodes=50) for ending, demos in (
         ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
     *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
-    *(Experiment(method, BOWL, seed=seed) for seed in (0, 1, 2) for method in PLAIN),
-    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in PLAIN),
-    *(Experiment(method, BOWL, 1) for method in PLAIN),
+    *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS),
+    *(Experiment(method, BOWL) for method in TRUE_COLORS),
+    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in TRUE_COLORS),
     Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
+    *(Experiment(method, BOWL, demos, seed) for demos, seed in ((1, 0), (10, 1), (10, 2)) for method in TRUE_COLORS),
 )  # fmt: skip
 """The comparison, in the order in which it runs."""
 

@@ -9,8 +9,8 @@ from gem_lite.gem import Policy
 from gem_lite.policy import PickPlacePolicy
 
 METHODS: dict[str, type[PickPlacePolicy]] = {method.method: method for method in (Policy, TransporterLan, ClipPort)}
-PLAIN_CLIPORT = f"{ClipPort.method}-without-recoloring"
-NAMES = (*METHODS, *(f"{Policy.method}-{ending}" for ending in ABLATIONS), PLAIN_CLIPORT)
+CLIPORT_WITHOUT_RECOLORING = f"{ClipPort.method}-without-recoloring"
+NAMES = (*METHODS, *(f"{Policy.method}-{ending}" for ending in ABLATIONS), CLIPORT_WITHOUT_RECOLORING)
 HELP = "methods:\n" + "\n".join(
     f"  {name:34s}{meaning}"
     for name, meaning in {
@@ -18,7 +18,7 @@ HELP = "methods:\n" + "\n".join(
         "transporter-lan": "Transporter Networks with language",
         "cliport": "a semantic stream from CLIP beside a spatial one",
         **{f"gem-{ending}": ablation.meaning for ending, ablation in ABLATIONS.items()},
-        PLAIN_CLIPORT: "CLIPort with the paper's augmentation alone",
+        CLIPORT_WITHOUT_RECOLORING: "CLIPort with the paper's augmentation alone",
     }.items()
 )
 """The end of a command line's help."""

@@ -18,7 +18,7 @@ METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2"}
 
 
 def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -> Figure:
-    """Losses of named trainings over their steps, (steps, 2) of pick and place, as running means.
+    """Losses of named trainings over their steps, (steps, 2) of pick and place, as running medians.
 
     Args:
         floor: the smallest loss that the pick's equally right angles allow.
@@ -26,12 +26,12 @@ def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -
     fig, axes = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
     for ax, column, role in zip(axes, (0, 1), ("pick", "place"), strict=True):
         for name, values in losses.items():
-            smooth = np.convolve(values[:, column], np.ones(window) / window, mode="valid")
+            smooth = np.median(np.lib.stride_tricks.sliding_window_view(values[:, column], window), axis=1)
             ax.plot(np.arange(len(smooth)) + window, smooth, color=METHOD_COLORS.get(name), label=name)
-        ax.axhline(floor, color="0.5", ls=":", label="four angles equally right" if role == "pick" else None)
         ax.set(xlabel="step", title=role, ylim=(0, None))
         ax.grid(alpha=0.3)
-    axes[0].set_ylabel(f"cross-entropy (mean of {window} steps)")
+    axes[0].axhline(floor, color="0.5", ls=":", label="four angles equally right")
+    axes[0].set_ylabel(f"cross-entropy (median of {window} steps)")
     axes[0].legend(fontsize=8)
     return fig
 
@@ -88,7 +88,7 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set(xlim=(0, 112), xlabel="success (0-100), with 95 % interval", title=title)
-    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.4, -0.16 - 0.2 / len(names)), ncols=len(groups))
+    fig.legend(fontsize=8, loc="outside lower center", ncols=len(groups))
     ax.grid(axis="x", alpha=0.3)
     return fig
 
@@ -111,7 +111,7 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
         trio[0].set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
         for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
             ax.imshow(action_map(logits), cmap=MAP_COLORS)
-        for ax, name in zip(trio, (title, "pick", "place"), strict=True):
+        for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
             bare(ax, name).axis("on")
-        trio[0].set_xlabel(f'"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
+        trio[0].set_xlabel(f'{title}\n"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
     return fig

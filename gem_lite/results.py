@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite import evaluate
+from gem_lite.config import LITE
 
 
 @dataclass(frozen=True)
@@ -28,17 +29,19 @@ class Cell:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
 
 
-def cell(method: str, task: str, demos: int | None = 10, episodes: int | None = None) -> Cell:
+def cell(method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = LITE.steps) -> Cell:
     """The rows of a method, pooled over training seeds.
 
     Args:
         demos: demonstrations it was trained on; None for what is not trained.
         episodes: only the first so many, to compare with a cell that has fewer.
+        steps: of its training.
 
     Raises:
         LookupError: there is no such row, or rows of different episodes.
     """
     wanted = {"method": method, "task": task, "demos": demos, "split": "test", "start": 0, "subset": "all"}
+    wanted |= {"steps": steps} if demos else {}
     rows = [row for row in evaluate.read_rows(evaluate.results_file(task)) if wanted.items() <= row.items()]
     if not rows:
         raise LookupError(f"no row of {method} with {demos} demonstrations on {task} in data/results")

@@ -51,7 +51,7 @@ class Cost(NamedTuple):
 def make_batch(
     prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator, recolor: bool = False
 ) -> list[Sample]:
-    """Draw steps, hide the image-conditioned map now and then, and move each by a random motion."""
+    """Draw steps, hide the image-conditioned map now and then, move each by a random motion, and ``recolor`` it."""
     batch = []
     for _ in range(settings.batch):
         step = prepared[rng.integers(len(prepared))]

@@ -289,6 +289,14 @@ def test_wrong_names_are_answered_with_the_right_ones():
         methods.find("transporter", LITE)
 
 
+def test_cliport_without_recoloring_is_cliport_but_for_that(model):
+    method, config = methods.find(methods.CLIPORT_WITHOUT_RECOLORING, LITE)
+    plain, other = method(config, model), methods.METHODS["cliport"](LITE, model)
+    assert plain.name == methods.CLIPORT_WITHOUT_RECOLORING and type(plain) is type(other)
+    assert (plain.recolors, other.recolors) == (False, True)
+    assert dataclasses.replace(config, recolor=True) == LITE
+
+
 @pytest.mark.parametrize("name", methods.METHODS)
 def test_a_missing_view_is_named_before_anything_is_computed(name, model, demo_set):
     good, bad = demo_set[1]

@@ -22,7 +22,8 @@ def stored(tmp_path, monkeypatch):
     rewards = rng.random((3, 40)) < np.array([[0.9], [0.8], [0.4]])
     for seed, values in enumerate(rewards):
         found = [Episode(i, float(value), 1, ()) for i, value in enumerate(values)]
-        facts = {"split": "test", "start": 0, "demos": 10, "seed": seed, "train_cpu_seconds": 100.0 + seed}
+        facts = {"split": "test", "start": 0, "demos": 10, "seed": seed, "steps": 1500}
+        facts["train_cpu_seconds"] = 100.0 + seed
         evaluate.file_rows([result_row("gem", TASK, found, "all", facts)], evaluate.results_file(TASK))
     return rewards
 
@@ -33,6 +34,8 @@ def test_a_cell_pools_the_training_seeds(stored):
     assert found.mean == pytest.approx(100 * stored.mean(), abs=0.05)
     assert found.cpu_seconds == 101.0
     assert results.cell("gem", TASK, episodes=10).rewards.shape == (3, 10)
+    with pytest.raises(LookupError, match="no row of gem"):
+        results.cell("gem", TASK, steps=300)
 
 
 def test_seeds_that_disagree_widen_the_interval(stored):
