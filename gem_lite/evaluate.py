@@ -138,7 +138,7 @@ def evaluate(
     """Run episodes ``start`` .. ``start + episodes - 1`` of a split, one process a core."""
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    tasks.make(task_name, split)
+    settings = settings.on_table(tasks.make(task_name, split).workspace.length)
     make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors surface here, not in a worker.
     indices = range(start, start + episodes)
     chunks = [

@@ -16,13 +16,17 @@ import torch
 from tqdm import tqdm
 
 from gem_lite import clip, evaluate, mobile
+from gem_lite.results import Cell
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
 from gem_lite.train import load_policy, read_card
 
 TASKS = ("object-sorting-seen", "object-sorting-unseen")
-IDENTITY = ("method", "task", "tables", "poses", "shift", "turn", "seed", "split", "start")
+OUT = evaluate.RESULTS / "object-sorting.jsonl"
+IDENTITY = (
+    "method", "task", "tables", "poses", "shift", "turn", "demos", "seed", "config", "steps", "split", "start",
+)  # fmt: skip
 """What names a cell of these results."""
 
 
@@ -139,6 +143,21 @@ def rows_of(found: Sequence[Outcome], conditions: Sequence[Condition], facts: di
     return rows
 
 
+def cell(task: str, condition: Condition, tables: int = 2) -> Cell:
+    """GEM's filed row of a task under a condition, on the first test episodes.
+
+    Raises:
+        LookupError: there is no such row, or more than one.
+    """
+    wanted = {"method": "gem", "task": task, "tables": tables, "split": "test", "start": 0} | condition._asdict()
+    rows = [row for row in evaluate.read_rows(OUT) if wanted.items() <= row.items()]
+    if len(rows) != 1:
+        raise LookupError(f"there must be one row of {task} with {condition} in {OUT.name}, found {len(rows)}")
+    row = rows[0]
+    rewards = np.array([[row["rewards"][index] for index in sorted(row["rewards"], key=int)]])
+    return Cell(rewards, row["mean"], tuple(row["ci95"]), row["train_cpu_seconds"])
+
+
 def main() -> None:
     """Command line: see ``python -m gem_lite.evaluate_mobile --help``."""
     parser = argparse.ArgumentParser(
@@ -154,7 +173,7 @@ def main() -> None:
     parser.add_argument("--curve", action="store_true", help="also with injected errors of the poses")
     parser.add_argument("--clip", default=str(clip.DATA / "clip-sorting"), help="default: the embedded one for sorting")
     parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--out", type=Path, default=evaluate.RESULTS / "object-sorting.jsonl", help="results file")
+    parser.add_argument("--out", type=Path, default=OUT, help="results file")
     args = parser.parse_args()
     conditions = [Condition("tags"), Condition("truth"), *(CURVE if args.curve else ())]
     for task in args.tasks:
@@ -169,7 +188,8 @@ def main() -> None:
         facts = {
             "method": card["method"], "task": task, "tables": args.tables, "split": args.split, "start": args.start,
             **{name: card.get(name) for name in ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware")},
-            "config": card["config"]["name"], "clip": card["clip"]["name"], "checkpoint_sha256": card["sha256"],
+            "config": card["config"]["name"], "steps": card["config"]["steps"],
+            "clip": card["clip"]["name"], "checkpoint_sha256": card["sha256"],
         }  # fmt: skip
         rows = rows_of(found, conditions, facts)
         for row in rows:

@@ -27,6 +27,7 @@ from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.crop_memory import CropMemory
 from gem_lite.policy import PickPlacePolicy, PreparedStep, Sample
+from gem_lite.tabletop import tasks
 
 SAVE_EVERY, SAVE_SECONDS = 100, 60
 """Steps and seconds between two saves of the training state: a killed run loses at most the fewer of these."""
@@ -268,7 +269,8 @@ def main() -> None:
             raise ValueError("this machine has no GPU that torch can use; leave out --device cuda")
         demos = demonstrations.load(args.demonstrations)[: args.episodes]
         model = clip.load(args.clip)
-        method, settings = methods.find(args.method, config.CONFIGS[args.config])
+        table = tasks.make(demos[0].task).workspace.length
+        method, settings = methods.find(args.method, config.CONFIGS[args.config].on_table(table))
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, clip_crops, evaluate_mobile, mobile, plot_mobile, vocabulary
+from gem_lite import clip, clip_crops, evaluate, evaluate_mobile, mobile, plot_mobile, vocabulary
 from gem_lite.config import LITE
 from gem_lite.evaluate_mobile import Condition, Outcome
 from gem_lite.gem import Policy
@@ -137,6 +137,18 @@ def test_a_row_for_each_condition():
     assert (first["mean"], second["mean"]) == (100.0, 50.0) and second["shift"] == 0.02
     assert second["rewards"] == {"0": 0.0, "1": 1.0} and first["method"] == "gem"
     assert json.dumps(first)
+
+
+def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluate_mobile, "OUT", tmp_path / "rows.jsonl")
+    conditions = [Condition("tags"), Condition("tags", 0.02)]
+    found = [Outcome(i, (1.0, float(i < 5)), ()) for i in range(12)]
+    facts = {"method": "gem", "task": "t", "tables": 2, "split": "test", "start": 0, "train_cpu_seconds": 9.0}
+    evaluate.file_rows(evaluate_mobile.rows_of(found, conditions, facts), evaluate_mobile.OUT, evaluate_mobile.IDENTITY)
+    cell = evaluate_mobile.cell("t", conditions[1])
+    assert cell.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and cell.mean == pytest.approx(41.7)
+    with pytest.raises(LookupError, match="found 0"):
+        evaluate_mobile.cell("t", Condition("truth"))
 
 
 def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
