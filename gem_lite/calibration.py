@@ -121,11 +121,11 @@ def retrieval_threshold(clip: Clip) -> float:
 
 
 def path_for(clip: Clip) -> Path:
-    """Where a CLIP's calibration is kept: beside the embedded model, in the user's cache for others."""
-    from gem_lite.clip import EMBEDDED
+    """Where a CLIP's calibration is kept: beside an embedded model, in the user's cache for others."""
+    from gem_lite.clip import DATA
 
-    if clip.folder is not None and clip.folder.resolve() == EMBEDDED.resolve():
-        return EMBEDDED / "calibration.json"
+    if clip.folder is not None and clip.folder.resolve().parent == DATA.resolve():
+        return clip.folder / "calibration.json"
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gem_lite"
     return cache / f"calibration-{clip.fingerprint}.json"
 

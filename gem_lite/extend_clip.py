@@ -24,8 +24,9 @@ LEARNING_RATE = 5e-4
 CARD = """# The embedded CLIP for object-sorting
 
 `data/clip-tabletop` trained further by `python -m gem_lite.extend_clip` on {crops} crops of {scenes} scenes, in which
-every fifth body is a box with a symbol on its floor: {boxes}. Weights are stored in half precision. All that
-the other card says of it, and of what it is not (OpenAI's), holds here, too. This card is written by the same command.
+every fifth body is a box with a symbol on its floor: {boxes}.
+Weights are stored in half precision. What the other card says of it, and of what it is not (OpenAI's), holds here,
+too. This card is written by the same command.
 
 Zero-shot accuracy in percent on fresh scenes (seed {seed}, {test_scenes} scenes, other proportions), each crop
 compared with the plain names of all {nouns} shapes, objects and symbol boxes:
