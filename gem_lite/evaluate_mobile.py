@@ -80,8 +80,8 @@ def run_episode(
     rewards, errors, choice = [], [], None
     for number, condition in enumerate(conditions):
         task = tasks.make(task_name, split)
-        observations = world.reset(task, tasks.episode_seed(split, index))
-        choice = choice or mobile.choose(policy, observations, task.instruction)
+        world.begin(task, tasks.episode_seed(split, index))
+        choice = choice or mobile.choose(policy, world.observe(), task.instruction)
         try:
             step = mobile.act(world, choice, condition.finder(np.random.default_rng((index, number))))
         except mobile.LocalisationError as error:

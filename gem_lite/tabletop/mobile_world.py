@@ -122,11 +122,15 @@ class MobileWorld(Simulation):
         w = self.workspace
         return Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
 
-    def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
+    def begin(self, task: Task, seed: int) -> None:
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self._rng = np.random.default_rng((seed, len(self.tables)))
-        self.begin(task, seed)
+        super().begin(task, seed)
         self._score, self._grasped = task.score(self), False
+
+    def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
+        """`begin`, and look at it."""
+        self.begin(task, seed)
         return self.observe()
 
     def observe(self) -> tuple[Observation, ...]:
