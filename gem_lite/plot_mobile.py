@@ -30,7 +30,10 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
     workspace, count = choice.heightmaps[0].workspace, len(choice.heightmaps)
     width = workspace.shape[1]
     semantic = choice.inputs.image[:, 4:6].numpy()
-    fig, axes = plt.subplots(1, 5, figsize=(2.1 * count * 2 + 3.5, 4.6), layout="constrained")
+    fig, (axes, bars) = plt.subplots(
+        2, 5, figsize=(2.1 * count * 2 + 3.5, 4.0), height_ratios=(20, 1), layout="constrained"
+    )
+    bars[0].axis("off")
     bare(axes[0], "from above").imshow(side_by_side([one.rgb for one in choice.heightmaps]))
     roles = (
         ("pick", choice.phrases.pick, choice.pick_logits, choice.pick_table, choice.pick, PICK_COLOR),
@@ -47,8 +50,8 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         scored = ax.imshow(stitched, cmap="viridis")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
         ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
-        fig.colorbar(seen, ax=axes[1 + 2 * number], location="bottom", label="0: typical cell, 1: typical match")
-        fig.colorbar(scored, ax=ax, location="bottom", label="logit - best logit")
+        fig.colorbar(seen, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match")
+        fig.colorbar(scored, bars[2 + 2 * number], orientation="horizontal", label="logit - best logit")
     for ax in axes:
         draw_seams(ax, count, width)
         ax.set(xlim=(-0.5, count * width - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
