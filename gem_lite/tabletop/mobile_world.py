@@ -145,7 +145,7 @@ class MobileWorld(Simulation):
         middles = [table @ Pose2(self.workspace.x_max, 0.0) for table in self.tables]
         x, y = np.mean([(at.x, at.y) for at in middles], axis=0)
         away = 1.2 + max(np.hypot(at.x - x, at.y - y) for at in middles)
-        camera = looking("outside", (x - 0.9 * away, y + 0.75 * away, 0.6 * away), (x, y - 0.33 * away, -0.3))
+        camera = looking("outside", (x - away, y + 0.85 * away, 0.65 * away), (x, y - 0.22 * away, -0.45))
         return render(self.client, camera)[0].rgb
 
     def drive(self, table: int, sideways: float = 0.0) -> None:
