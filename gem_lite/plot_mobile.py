@@ -31,7 +31,7 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
     width = workspace.shape[1]
     semantic = choice.inputs.image[:, 4:6].numpy()
     fig, (axes, bars) = plt.subplots(
-        2, 5, figsize=(2.1 * count * 2 + 3.5, 4.0), height_ratios=(20, 1), layout="constrained"
+        2, 5, figsize=(2.1 * count * 2 + 3.5, 3.6), height_ratios=(20, 1), layout="constrained", dpi=80
     )
     bars[0].axis("off")
     bare(axes[0], "from above").imshow(side_by_side([one.rgb for one in choice.heightmaps]))
@@ -43,11 +43,11 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         shifted = Pose2(pose.x + table * width * workspace.pixel, pose.y, pose.yaw)
         draw_gripper(axes[0], shifted, workspace, color)
         seen = bare(axes[1 + 2 * number], f"semantic map\n{phrase}").imshow(
-            side_by_side(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1
+            side_by_side(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
         )
         stitched = action_map(side_by_side(logits.transpose(0, 2, 3, 1)).transpose(2, 0, 1))
         ax = bare(axes[2 + 2 * number], f"{role}: stitched action map")
-        scored = ax.imshow(stitched, cmap="viridis")
+        scored = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
         ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
         fig.colorbar(seen, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match")
