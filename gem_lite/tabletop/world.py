@@ -151,6 +151,11 @@ class Simulation(ABC):
                 return True
         return False
 
+    def wait(self, seconds: float) -> None:
+        """Simulate for so long, whatever moves: what stands on an edge is slow to fall, and `settle` takes it to rest."""
+        for _ in range(round(RATE * seconds)):
+            p.stepSimulation(physicsClientId=self.client)
+
     def check(self, name: str, pose: Pose2) -> None:
         """Raises ValueError if a pose in a table's frame lies outside the workspace or its yaw is not finite."""
         if not self.workspace.contains(pose.x, pose.y):

@@ -26,6 +26,8 @@ UNSEEN = (
 SEEN_BOXES, UNSEEN_BOXES = ("recycle", "gear"), ("recycle", "smiley")
 OBJECTS = 5
 OBJECT_RADIUS = 0.06
+TOPPLING = 2.0
+"""Seconds in which a body that cannot stand (some ducks) falls over, before anyone looks at it."""
 VARIANTS = (1000, 1100)
 """Objects have proportions that the embedded CLIP was not trained on; see `objects.TRAINING_VARIANTS`."""
 
@@ -62,6 +64,7 @@ class ObjectSorting(Task):
             pose, variant = anywhere(OBJECT_RADIUS), int(rng.integers(*VARIANTS))
             bodies.append(world.add(objects.add_object(world.client, name, colors.rgba(color), pose, variant)))
             self.names[bodies[-1].id] = f"{color} {name}"
+        world.wait(TOPPLING)
         number = int(rng.integers(len(boxes)))
         self._body, self._box = bodies[0], boxes[number]
         self.instruction = f"pick the {chosen[0]} and place into the {self._boxes[number]} box"
