@@ -65,10 +65,11 @@ def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspa
     bare(axes[0], "body camera; the tag's corners as found").imshow(view.rgb)
     axes[0].plot(*np.concatenate([corners, corners[:1]]).T, color="#00e5ff", lw=1.5)
     for number, (x, y) in enumerate(corners):
-        axes[0].text(x, y, str(number), color="#00e5ff", fontsize=9)
+        axes[0].text(x, y, str(number), color="#ff5252", fontsize=11, fontweight="bold")
     extent = (workspace.x_min, workspace.x_max, workspace.y_min, workspace.y_max)
     shown = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
-    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="where a point is thought to be")
+    axes[1].text(workspace.x_max, (workspace.y_min + workspace.y_max) / 2, " tag", rotation=90, va="center")
+    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="how far off a point of the table is thought to be")
     axes[1].title.set_fontsize(9)
     fig.colorbar(shown, ax=axes[1], label="mm off")
     return fig

@@ -91,6 +91,16 @@ def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
     assert ((pictures.min(axis=2) > 180).mean(axis=1) > 0.05).mean() > 0.5
 
 
+@pytest.mark.parametrize("index", [6, 51])  # whose ducks cannot stand
+def test_what_cannot_stand_has_fallen_before_anyone_looks(world, index):
+    world.begin(tasks.make("object-sorting-seen", "test"), tasks.episode_seed("test", index))
+    before = [world.pose(body)[0] for body in world.bodies]
+    world.wait(2.0)
+    for body, old in zip(world.bodies, before, strict=True):
+        new, _ = world.pose(body)
+        assert math.hypot(new.x - old.x, new.y - old.y) < 0.015, world.task.names[body.id]
+
+
 # Measuring
 
 

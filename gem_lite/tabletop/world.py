@@ -152,7 +152,7 @@ class Simulation(ABC):
         return False
 
     def wait(self, seconds: float) -> None:
-        """Simulate for so long, whatever moves: what stands on an edge is slow to fall, and `settle` takes it to rest."""
+        """Simulate for so long, whatever moves: what slowly begins to fall seems to `settle` to rest."""
         for _ in range(round(RATE * seconds)):
             p.stepSimulation(physicsClientId=self.client)
 
