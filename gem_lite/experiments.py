@@ -120,7 +120,6 @@ PLAN = (
     Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
-    *(Experiment(method, BOWL, demos, seed) for demos, seed in ((1, 0), (10, 1), (10, 2)) for method in TRUE_COLORS),
 )  # fmt: skip
 """The comparison, in the order in which it runs."""
 
