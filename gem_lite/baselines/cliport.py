@@ -68,7 +68,9 @@ class Projection(nn.Module):
 
     def forward(self, coarse: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``coarse`` (B, C, h, w), ``words`` (B, D) to (B, outputs, h, w)."""
-        return F.relu(self.conv(coarse)) * self.gate(words)[:, :, None, None]
+        # Entries of unit vectors are about 1 / sqrt(D): as they are, the words would hardly be heard at first.
+        gates = self.gate(words.shape[1] ** 0.5 * words)
+        return F.relu(self.conv(coarse)) * gates[:, :, None, None]
 
 
 class Grounding(nn.Module):
