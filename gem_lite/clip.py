@@ -32,6 +32,7 @@ class Clip:
     Attributes:
         name: what was loaded; figures and results carry it.
         dim: length of an embedding.
+        width: how many features of a picture's place are pooled and projected to its embedding.
         fingerprint: a short hash of the weights: tells two models apart whatever their names.
         folder: the local folder with the model's files, if there is one.
     """
@@ -51,6 +52,7 @@ class Clip:
         mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
         self._scale, self._shift = 1 / std, -mean / std
         self.dim = int(model.config.projection_dim)
+        self.width = int(model.visual_projection.in_features)
         self._texts: dict[str, torch.Tensor] = {}
 
     @cached_property
@@ -117,8 +119,8 @@ class Clip:
         return torch.cat(features)
 
     @torch.inference_mode()
-    def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
-        """Embed every place of a picture in one forward pass: the last features before they are pooled.
+    def dense_features(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """The last features before they are pooled, of every place of a picture in one forward pass.
 
         Coarser than patches that are embedded one by one, and each place has seen its surroundings. The
         picture is enlarged so that ``patch`` pixels become as wide as the pictures that the model knows.
@@ -127,20 +129,27 @@ class Clip:
             image: (H, W, 3) uint8.
 
         Returns:
-            (dim, h, w) float32, unit length at every place, on the CPU; cell (i, j) is centred in its
+            (width, h, w) float32 on the CPU, of mean square 1 at every place; cell (i, j) is centred in its
             share of the picture.
         """
+        features = self._features(image, patch)  # (h, w, width)
+        return (self.width**0.5 * F.normalize(features.float(), dim=-1)).permute(2, 0, 1).cpu().contiguous()
+
+    @torch.inference_mode()
+    def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """`dense_features` taken to where pictures are compared with words: (dim, h, w), unit length at every place."""
+        features = self._model.visual_projection(self._features(image, patch))  # (h, w, dim)
+        return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+
+    def _features(self, image: np.ndarray, patch: int) -> torch.Tensor:
         size = [round(length * self._size / patch) for length in image.shape[:2]]
         pixels = self._pixels(torch.from_numpy(np.ascontiguousarray(image))[None], size)
         if isinstance(self._model, ResNetClip):
-            features = self._model.feature_map(pixels)
-        else:
-            tower = self._model.vision_model
-            tokens = tower(pixel_values=pixels, interpolate_pos_encoding=True).last_hidden_state[:, 1:]
-            side = self._model.config.vision_config.patch_size
-            features = tower.post_layernorm(tokens).unflatten(1, [length // side for length in size])
-        features = self._model.visual_projection(features)[0]  # (h, w, dim)
-        return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+            return self._model.feature_map(pixels)[0]
+        tower = self._model.vision_model
+        tokens = tower(pixel_values=pixels, interpolate_pos_encoding=True).last_hidden_state[:, 1:]
+        side = self._model.config.vision_config.patch_size
+        return tower.post_layernorm(tokens).unflatten(1, [length // side for length in size])[0]
 
     def _pixels(self, images: torch.Tensor, size: Sequence[int] | None = None) -> torch.Tensor:
         size = size or (self._size, self._size)

@@ -101,15 +101,15 @@ class Experiment:
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
-TRUE_COLORS = ("gem-without-recoloring", methods.CLIPORT_WITHOUT_RECOLORING)
+TRUE_COLORS = ("gem-without-recoloring", *methods.CLIPORTS_WITHOUT_RECOLORING)
 """Methods trained on true colours, with the paper's augmentation alone."""
+RIVALS = ("cliport", "cliport-grounded", "transporter-lan")
 SHORT = 300
 """Steps of a training that validation episodes preferred for a single demonstration."""
 PLAN = (
     *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),
-    *(Experiment("cliport", BOWL, demos) for demos in (10, 100, 1)),
-    *(Experiment("transporter-lan", BOWL, demos) for demos in (10, 100, 1)),
+    *(Experiment(method, BOWL, demos) for method in RIVALS for demos in (10, 100, 1)),
     Experiment("gem", INSERTION, 1),
     *(Experiment(f"gem-{ending}", INSERTION, demos, episodes=50) for ending, demos in (
         ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
@@ -120,7 +120,6 @@ PLAN = (
     Experiment(pointing.METHOD, PACKING),
     *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
-    *(Experiment(method, BOWL, demos, seed) for demos, seed in ((1, 0), (10, 1), (10, 2)) for method in TRUE_COLORS),
 )  # fmt: skip
 """The comparison, in the order in which it runs."""
 

@@ -13,7 +13,7 @@ from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare
 from gem_lite.policy import RGBD, Sample, to_picture
 from gem_lite.results import Cell
 
-METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2"}
+METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2", "cliport-grounded": "C8"}
 """A method's colour in every figure."""
 
 

@@ -187,6 +187,6 @@ def test_without_language_in_attention_the_kernel_still_hears():
 
 def test_baselines_can_be_ablated_where_it_means_something():
     config = SMALL.ablated("without-parsing")
-    policy = methods.METHODS["cliport"](config, types.SimpleNamespace(dim=D))
+    policy = methods.METHODS["cliport"](config, types.SimpleNamespace(dim=D, width=D))
     assert policy.name == "cliport-without-parsing"
     assert policy.read("put the red block in the bowl").pick == "put the red block in the bowl"

@@ -15,7 +15,9 @@ from gem_lite.se2 import ImageMotion, angle_bins
 from gem_lite.tabletop.world import Observation
 from gem_lite.train import load_policy, make_batch, save_policy
 
-D = 16
+D, WIDTH = 16, 24
+COARSE = {"cliport": WIDTH, "cliport-grounded": D}
+"""Channels of what CLIP says of a picture's places, where a method asks it."""
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15
 )
@@ -44,7 +46,7 @@ def trained_on(model, demo_set):
 
 def without_clip(name, config=SMALL, dim=D):
     """A policy whose networks have random weights everywhere, also where training starts from 0."""
-    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim))
+    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=WIDTH))
     for module in policy.modules.values():
         for parameter in module.parameters():
             torch.nn.init.normal_(parameter, std=0.2)
@@ -56,7 +58,7 @@ def random_inputs(name, height, width, batch=1):
     cells = (height // 8, width // 8)
     return Inputs(
         image=torch.rand(batch, 6 if name == "gem" else 4, height, width),
-        coarse=torch.rand(batch, D, *cells) if name == "cliport" else torch.zeros(batch, 0, 1, 1),
+        coarse=torch.rand(batch, COARSE[name], *cells) if name in COARSE else torch.zeros(batch, 0, 1, 1),
         pick_words=F.normalize(torch.randn(batch, D), dim=1),
         place_words=F.normalize(torch.randn(batch, D), dim=1),
     )
@@ -110,7 +112,8 @@ def test_place_queries_turn_with_the_object(name, turns):
     # K_i(T_g crop) = K_{i+g}(crop): half of Eq. 6, exact at quarter turns for any weights.
     place = without_clip(name).place
     place = getattr(place, "network", place)
-    image, words, centre = torch.rand(1, 4 + (4 if name == "cliport" else 0), 33, 33), torch.randn(1, D), [[16, 16]]
+    joined = methods.METHODS[name].Semantics.outputs(SMALL) if name in COARSE else 0
+    image, words, centre = torch.rand(1, 4 + joined, 33, 33), torch.randn(1, D), [[16, 16]]
     with torch.no_grad():
         before = place.kernels(image, words, torch.tensor(centre))
         turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
@@ -157,9 +160,9 @@ def test_each_phrase_reaches_its_own_module(name):
         assert not torch.allclose(policy.score_place(said, picks), place)
 
 
-def test_cliport_multiplies_clips_features_with_the_words():
+def test_grounding_multiplies_clips_features_with_the_words():
     # A place whose features have nothing in common with the words tells the networks nothing.
-    policy, inputs = without_clip("cliport"), random_inputs("cliport", 32, 32)
+    policy, inputs = without_clip("cliport-grounded"), random_inputs("cliport-grounded", 32, 32)
     words = torch.zeros(1, D)
     words[:, :8] = 1.0
     unseen, seen = inputs.coarse.clone(), inputs.coarse.clone()
@@ -174,9 +177,23 @@ def test_cliport_multiplies_clips_features_with_the_words():
     assert not torch.allclose(plain, other)
 
 
+@pytest.mark.parametrize(("name", "same"), [("cliport", True), ("cliport-grounded", False)])
+def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
+    # With the axes of the words renamed, and its weights with them, CLIPort says what it said.
+    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
+    renamed = dataclasses.replace(inputs, pick_words=inputs.pick_words.flip(1))
+    with torch.no_grad():
+        before = policy.score_pick(inputs)
+        assert not torch.allclose(policy.score_pick(renamed), before, rtol=1e-3)
+        for layer in policy.pick.modules():
+            if isinstance(layer, torch.nn.Linear):
+                layer.weight.copy_(layer.weight.flip(1))
+        assert torch.allclose(policy.score_pick(renamed), before, rtol=1e-3) == same
+
+
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = numbered_steps(demo_set[1])
-    for (_, step), prepared in zip(steps, trained_on("cliport")[1], strict=True):
+    for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
         score = torch.einsum("dhw,d->hw", prepared.with_image.coarse, prepared.with_image.pick_words)
         row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
         assert score.shape == (20, 10)
@@ -191,6 +208,9 @@ def test_dense_features_lie_where_the_picture_does(model):
     plain, turned = model.embed_dense(picture, 20), model.embed_dense(picture[::-1, ::-1], 20).flip(1, 2)
     assert plain.shape == (model.dim, 20, 10)
     assert torch.allclose(plain.norm(dim=0), torch.ones(20, 10), atol=1e-5)
+    features = model.dense_features(picture, 20)
+    assert features.shape == (model.width, 20, 10)
+    assert torch.allclose(features.square().mean(dim=0), torch.ones(20, 10), atol=1e-4)
 
     def error(shift):
         return float((turned.roll(shift, (1, 2)) - plain)[:, 3:-3, 3:-3].norm())
@@ -249,12 +269,12 @@ def test_mixed_precision_keeps_the_loss(name, trained_on):
 
 def test_sizes_are_those_of_table_a1():
     def count(name, config, dim):
-        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim))
+        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=WIDTH))
         return sum(parameter_count(module) for module in policy.modules.values())
 
     lite = {name: count(name, LITE, 128) for name in methods.METHODS}
     assert max(lite.values()) < 1e6
-    assert max(lite.values()) < 1.4 * min(lite.values())
+    assert max(lite.values()) < 1.5 * min(lite.values())
     assert count("gem", PAPER, 512) == pytest.approx(5.7e6, rel=0.02)
     assert count("transporter-lan", PAPER, 512) == pytest.approx(6.6e6, rel=0.2)
 
@@ -289,10 +309,11 @@ def test_wrong_names_are_answered_with_the_right_ones():
         methods.find("transporter", LITE)
 
 
-def test_cliport_without_recoloring_is_cliport_but_for_that(model):
-    method, config = methods.find(methods.CLIPORT_WITHOUT_RECOLORING, LITE)
-    plain, other = method(config, model), methods.METHODS["cliport"](LITE, model)
-    assert plain.name == methods.CLIPORT_WITHOUT_RECOLORING and type(plain) is type(other)
+@pytest.mark.parametrize("name", methods.CLIPORTS_WITHOUT_RECOLORING)
+def test_cliport_without_recoloring_is_cliport_but_for_that(name, model):
+    method, config = methods.find(name, LITE)
+    plain, other = method(config, model), methods.METHODS[name.removesuffix("-without-recoloring")](LITE, model)
+    assert plain.name == name and type(plain) is type(other)
     assert (plain.recolors, other.recolors) == (False, True)
     assert dataclasses.replace(config, recolor=True) == LITE
 

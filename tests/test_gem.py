@@ -210,7 +210,7 @@ def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
 
 def test_recolouring_is_for_methods_that_see_colours_through_clip():
     def recolors(method, config):
-        return methods.METHODS[method](config, types.SimpleNamespace(dim=D)).recolors
+        return methods.METHODS[method](config, types.SimpleNamespace(dim=D, width=D)).recolors
 
     assert [recolors(name, SMALL) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem", SMALL.ablated("without-semantic-map"))

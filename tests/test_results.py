@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from gem_lite import evaluate, experiments, failures, results
+from gem_lite import evaluate, experiments, failures, methods, results
 from gem_lite.evaluate import Episode, mean_and_interval, result_row
 from gem_lite.experiments import PLAN, Experiment
 from gem_lite.policy import Choice
@@ -71,7 +71,7 @@ def test_the_plan_holds_each_experiment_once_and_what_the_comparison_needs():
     names = [experiment.name for experiment in PLAN]
     assert len(set(names)) == len(names)
     at_ten = {(e.method, e.seed) for e in PLAN if e.task == experiments.BOWL and e.demos == 10}
-    assert {(m, s) for m in ("gem", "transporter-lan", "cliport") for s in (0, 1, 2)} <= at_ten
+    assert {(m, s) for m in methods.METHODS for s in (0, 1, 2)} <= at_ten
     assert {e.demos for e in PLAN if (e.method, e.task) == ("gem", experiments.BOWL)} == {1, 5, 10, 20}
 
 

@@ -21,9 +21,9 @@ from gem_lite.policy import PickPlacePolicy
 from gem_lite.train import make_batch
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
-TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M"}
-VIT_B_32 = 512
-"""Length of the paper's CLIP's embeddings."""
+TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
+VIT_B_32, VIT_B_32_WIDTH = 512, 768
+"""Length of the paper's CLIP's embeddings, and of the features that are projected to them."""
 PARTS = ("batch", "encoder", "kernel", "correlation", "backward", "optimizer")
 REPEATS = 7
 
@@ -51,7 +51,7 @@ def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
     for module in policy.modules.values():
         named = dict(module.named_modules())
         kernels = [name for name in named if name.split(".")[-1] == "kernel"]
-        scene = [name for name in named if name.split(".")[-1] in ("encoder", "refiner", "match")]
+        scene = [name for name in named if name.split(".")[-1] in ("encoder", "refiner", "semantics")]
         for name in kernels:
             clock.watch("kernel", named[name])
         # A pick without a kernel is one network from the picture to the logits.
@@ -76,7 +76,7 @@ def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clo
 
 def count(name: str, config: Config, language_dim: int) -> int:
     """Trainable parameters of a method."""
-    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=language_dim))
+    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=language_dim, width=VIT_B_32_WIDTH))
     return sum(parameter_count(module) for module in policy.modules.values())
 
 
