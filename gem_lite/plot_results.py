@@ -77,8 +77,11 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
     names = list(dict.fromkeys(name for cells in groups.values() for name in cells))
     fig, ax = plt.subplots(figsize=(7.6, 0.34 * len(names) * len(groups) + 1.1), layout="constrained")
     thick = 0.8 / len(groups)
+    shared = {name: [group for group, cells in groups.items() if name in cells] for name in names}
     for number, (group, cells) in enumerate(groups.items()):
-        rows = np.array([names.index(name) for name in cells]) + (number - (len(groups) - 1) / 2) * thick
+        # A name's bars lie around it, also where some groups lack it.
+        offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in cells]
+        rows = np.array([names.index(name) for name in cells]) + thick * np.array(offsets)
         means = np.array([found.mean for found in cells.values()])
         ends = np.array([found.interval for found in cells.values()]).T
         reach = np.clip([means - ends[0], ends[1] - means], 0, None)
@@ -94,16 +97,12 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
 
 
 def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> Figure:
-    """A gallery: the scene with both grippers above the action maps of pick and place, the reason underneath."""
+    """A gallery: the scene with both grippers beside the action maps of pick and place, the reason underneath."""
     rows = -(-len(failures) // columns)
-    fig, axes = plt.subplots(
-        rows, 3 * columns, figsize=(3.1 * columns, 2.7 * rows), squeeze=False, layout="constrained",
-    )  # fmt: skip
-    for ax in axes.flat:
-        ax.axis("off")
-    for number, (title, failure) in enumerate(failures):
-        row, column = divmod(number, columns)
-        trio, choice = axes[row, 3 * column : 3 * column + 3], failure.choice
+    fig = plt.figure(figsize=(3.1 * columns, 2.7 * rows), layout="constrained")
+    parts = fig.subfigures(rows, columns, squeeze=False).flat
+    for part, (title, failure) in zip(parts, failures, strict=False):  # the last row may be short
+        trio, choice = part.subplots(1, 3), failure.choice
         workspace = choice.heightmap.workspace
         trio[0].imshow(choice.heightmap.rgb)
         draw_gripper(trio[0], choice.action.pick, workspace, PICK_COLOR)
@@ -112,6 +111,6 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
         for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
             ax.imshow(action_map(logits), cmap=MAP_COLORS)
         for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
-            bare(ax, name).axis("on")
-        trio[0].set_xlabel(f'{title}\n"{choice.instruction}"\n{failure.reason}', fontsize=7, loc="left")
+            bare(ax, name)
+        part.supxlabel(f'{title}\n"{choice.instruction}"\n{failure.reason}', x=0.02, ha="left", fontsize=7)
     return fig

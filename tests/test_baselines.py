@@ -268,15 +268,16 @@ def test_mixed_precision_keeps_the_loss(name, trained_on):
 
 
 def test_sizes_are_those_of_table_a1():
-    def count(name, config, dim):
-        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=WIDTH))
+    def count(name, config, dim, width):
+        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=width))
         return sum(parameter_count(module) for module in policy.modules.values())
 
-    lite = {name: count(name, LITE, 128) for name in methods.METHODS}
-    assert max(lite.values()) < 1e6
-    assert max(lite.values()) < 1.5 * min(lite.values())
-    assert count("gem", PAPER, 512) == pytest.approx(5.7e6, rel=0.02)
-    assert count("transporter-lan", PAPER, 512) == pytest.approx(6.6e6, rel=0.2)
+    lite = {name: count(name, LITE, 128, 256) for name in methods.METHODS}
+    # The paper's CLIPort is by far the largest, too.
+    assert 1.5 * lite["gem"] < lite["cliport"] < 1.5e6
+    assert max(lite[name] for name in methods.METHODS if name != "cliport") < 1.2 * min(lite.values())
+    assert count("gem", PAPER, 512, 768) == pytest.approx(5.7e6, rel=0.02)
+    assert count("transporter-lan", PAPER, 512, 768) == pytest.approx(6.6e6, rel=0.2)
 
 
 @pytest.mark.parametrize("name", BASELINES)

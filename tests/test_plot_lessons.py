@@ -96,7 +96,7 @@ def test_failures_show_scene_maps_and_reason():
     choice = Choice("put it there", None, heightmap, logits, logits, (0, 0, 0), (0, 0, 0), Action(POSE, POSE))
     fig = plot_results.show_failures([("one", Failure(3, 1, choice, "grasped nothing"))] * 5, columns=4)
     shown = [ax for ax in fig.axes if ax.images]
-    assert len(shown) == 15 and "grasped nothing" in shown[0].get_xlabel()
+    assert len(shown) == 15 and "grasped nothing" in fig.subfigs[0].get_supxlabel()
 
 
 def test_deltas_stay_beside_the_diagonal_across_180_degrees():

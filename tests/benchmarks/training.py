@@ -22,7 +22,7 @@ from gem_lite.train import make_batch
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
-VIT_B_32, VIT_B_32_WIDTH = 512, 768
+VIT_B_32 = 512, 768
 """Length of the paper's CLIP's embeddings, and of the features that are projected to them."""
 PARTS = ("batch", "encoder", "kernel", "correlation", "backward", "optimizer")
 REPEATS = 7
@@ -74,9 +74,9 @@ def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clo
         clock.timed("optimizer", optimizers[name].step)
 
 
-def count(name: str, config: Config, language_dim: int) -> int:
-    """Trainable parameters of a method."""
-    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=language_dim, width=VIT_B_32_WIDTH))
+def count(name: str, config: Config, dim: int, width: int) -> int:
+    """Trainable parameters of a method with a CLIP whose embeddings have ``dim`` numbers, its features ``width``."""
+    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=width))
     return sum(parameter_count(module) for module in policy.modules.values())
 
 
@@ -84,9 +84,9 @@ def main() -> None:
     """Print a line for each method and quantity."""
     model, demos = clip.load(), demonstrations.load(DEMONSTRATIONS)[:2]
     first = demos[0].steps[0]
-    print(f"parameters: lite (CLIP of {model.dim} numbers), paper (of {VIT_B_32}), the paper's Table A1")
+    print(f"parameters: lite (CLIP of {model.dim} numbers), paper (of {VIT_B_32[0]}), the paper's Table A1")
     for name in methods.METHODS:
-        lite, paper = count(name, LITE, model.dim), count(name, PAPER, VIT_B_32)
+        lite, paper = count(name, LITE, model.dim, model.width), count(name, PAPER, *VIT_B_32)
         print(f"  {name:16s}{lite / 1e6:6.2f} M  {paper / 1e6:6.2f} M   {TABLE_A1[name]}")
     print(
         f"\none training step, batch {LITE.batch}, {torch.get_num_threads()} threads; fastest of {REPEATS}, shares in %"
