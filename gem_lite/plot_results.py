@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
@@ -17,20 +18,20 @@ METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2", "cliport
 """A method's colour in every figure."""
 
 
-def show_losses(losses: dict[str, np.ndarray], floor: float, window: int = 25) -> Figure:
+def show_losses(losses: dict[str, np.ndarray], floors: tuple[float, float], window: int = 25) -> Figure:
     """Losses of named trainings over their steps, (steps, 2) of pick and place, as running medians.
 
     Args:
-        floor: the smallest loss that the pick's equally right angles allow.
+        floors: the smallest losses that equally right angles of pick and place allow.
     """
     fig, axes = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
-    for ax, column, role in zip(axes, (0, 1), ("pick", "place"), strict=True):
+    for ax, column, role, floor in zip(axes, (0, 1), ("pick", "place"), floors, strict=True):
+        ax.axhline(floor, color="0.5", ls=":", label="equally right angles")
         for name, values in losses.items():
             smooth = np.median(np.lib.stride_tricks.sliding_window_view(values[:, column], window), axis=1)
             ax.plot(np.arange(len(smooth)) + window, smooth, color=METHOD_COLORS.get(name), label=name)
         ax.set(xlabel="step", title=role, ylim=(0, None))
         ax.grid(alpha=0.3)
-    axes[0].axhline(floor, color="0.5", ls=":", label="four angles equally right")
     axes[0].set_ylabel(f"cross-entropy (median of {window} steps)")
     axes[0].legend(fontsize=8)
     return fig
@@ -87,7 +88,7 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
         reach = np.clip([means - ends[0], ends[1] - means], 0, None)
         ax.barh(rows, means, 0.9 * thick, xerr=reach, capsize=3, color=f"C{number}", alpha=0.75, label=group)
         for row, mean, end in zip(rows, means, ends[1], strict=True):
-            ax.text(end + 1.5, row, f"{mean:.0f}", va="center", fontsize=8)
+            ax.text(end + 1.5, row, f"{mean:.1f}", va="center", fontsize=8)
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set(xlim=(0, 112), xlabel="success (0-100), with 95 % interval", title=title)
@@ -112,5 +113,6 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
             ax.imshow(action_map(logits), cmap=MAP_COLORS)
         for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
             bare(ax, name)
-        part.supxlabel(f'{title}\n"{choice.instruction}"\n{failure.reason}', x=0.02, ha="left", fontsize=7)
+        caption = [title, f'"{choice.instruction}"', *textwrap.wrap(failure.reason, 52)]
+        part.supxlabel("\n".join(caption), x=0.02, ha="left", fontsize=7.5)
     return fig

@@ -29,6 +29,23 @@ class Cell:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
 
 
+def paired_difference(one: Cell, other: Cell, seed: int = 0) -> tuple[float, tuple[float, float]]:
+    """What ``one`` scored more than ``other`` on the same episodes (0-100), with its 95 % interval over episodes.
+
+    Each method's training seeds are averaged first. Sharper than comparing two intervals: what makes an
+    episode hard is hard for both.
+
+    Raises:
+        ValueError: the cells are of different numbers of episodes.
+    """
+    if one.rewards.shape[1] != other.rewards.shape[1]:
+        raise ValueError(f"cells must be of the same episodes, got {one.rewards.shape[1]} and {other.rewards.shape[1]}")
+    more = 100 * (one.rewards.mean(axis=0) - other.rewards.mean(axis=0))
+    draws = more[np.random.default_rng(seed).integers(len(more), size=(10_000, len(more)))].mean(axis=1)
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(more.mean()), (float(low), float(high))
+
+
 def cell(method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = LITE.steps) -> Cell:
     """The rows of a method, pooled over training seeds.
 

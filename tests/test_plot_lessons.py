@@ -53,7 +53,7 @@ def test_choices_mark_the_pick_in_scene_and_map():
 
 
 def test_losses_are_smoothed_and_have_a_colour_for_each_method():
-    fig = plot_results.show_losses({"gem": np.ones((60, 2)), "cliport": 2 * np.ones((60, 2))}, 1.0, window=10)
+    fig = plot_results.show_losses({"gem": np.ones((60, 2)), "cliport": 2 * np.ones((60, 2))}, (1.0, 1.5), window=10)
     lines = {line.get_label(): line for line in fig.axes[0].lines}
     assert len(lines["gem"].get_ydata()) == 51 and np.allclose(lines["cliport"].get_ydata(), 2)
     assert lines["gem"].get_color() != lines["cliport"].get_color()

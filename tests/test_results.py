@@ -67,6 +67,19 @@ def test_missing_and_unlike_rows_are_named(stored):
         results.cell("gem", TASK)
 
 
+def test_paired_differences_are_sharper_than_two_intervals():
+    hard = np.tile([1.0, 0.0], 25)
+    one = results.Cell(np.array([hard, hard]), 50.0, (36.0, 64.0), None)
+    less = hard.copy()
+    less[:10:2] = 0
+    other = results.Cell(less[None], 40.0, (26.0, 54.0), None)
+    mean, (low, high) = results.paired_difference(one, other)
+    assert mean == pytest.approx(10.0) and 0 < low < mean < high < 22
+    assert results.paired_difference(one, one) == (0.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="same episodes, got 50 and 10"):
+        results.paired_difference(one, results.Cell(less[None, :10], 0.0, (0.0, 0.0), None))
+
+
 def test_the_plan_holds_each_experiment_once_and_what_the_comparison_needs():
     names = [experiment.name for experiment in PLAN]
     assert len(set(names)) == len(names)
