@@ -97,4 +97,4 @@ def test_every_task_family_has_a_results_file_of_its_own():
     )
     assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
     assert files["block-insertion"] == "block-insertion.jsonl"
-    assert len(set(files.values())) == 5
+    assert len(set(files.values())) == 6
