@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gem_lite.mobile import MobileChoice
+from gem_lite.mobile import MobileChoice, stitch
 from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.results import Cell
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop.cameras import View
-
-
-def side_by_side(pictures: np.ndarray) -> np.ndarray:
-    """(N, H, W, ...) of N tables as one picture (H, N W, ...)."""
-    return np.concatenate(list(pictures), axis=1)
 
 
 def draw_seams(ax: Axes, count: int, width: int) -> None:
@@ -34,7 +30,7 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         2, 5, figsize=(2.1 * count * 2 + 3.5, 3.6), height_ratios=(20, 1), layout="constrained", dpi=80
     )
     bars[0].axis("off")
-    bare(axes[0], "from above").imshow(side_by_side([one.rgb for one in choice.heightmaps]))
+    bare(axes[0], "from above").imshow(np.hstack([one.rgb for one in choice.heightmaps]))
     roles = (
         ("pick", choice.phrases.pick, choice.pick_logits, choice.pick_table, choice.pick, PICK_COLOR),
         ("place", choice.phrases.place, choice.place_logits, choice.place_table, choice.place, PLACE_COLOR),
@@ -43,9 +39,9 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         shifted = Pose2(pose.x + table * width * workspace.pixel, pose.y, pose.yaw)
         draw_gripper(axes[0], shifted, workspace, color)
         seen = bare(axes[1 + 2 * number], f"semantic map\n{phrase}").imshow(
-            side_by_side(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
+            np.hstack(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
         )
-        stitched = action_map(side_by_side(logits.transpose(0, 2, 3, 1)).transpose(2, 0, 1))
+        stitched = action_map(stitch(torch.from_numpy(logits)).numpy())
         ax = bare(axes[2 + 2 * number], f"{role}: stitched action map")
         scored = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
