@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 import safetensors.torch
 import torch
+from accelerate import PartialState
+from accelerate.utils import reduce
 from torch import nn
 from tqdm import tqdm
 
@@ -70,7 +72,9 @@ def train(
     """Train a policy's modules in place; returns what was spent on it in all.
 
     Resumes from ``run`` if a training of the same method, configuration, data and seed was stopped there;
-    the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe.
+    the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe. Under
+    ``accelerate launch`` every process draws a batch of its own and gradients are averaged: the batch is as
+    many times larger as there are processes.
 
     Args:
         watch: called with every step's number and losses.
@@ -80,15 +84,16 @@ def train(
         FloatingPointError: a loss or a gradient is not finite; the last saved state stays intact.
         OSError: the state cannot be saved; the last saved one stays intact.
     """
-    settings = policy.config
+    settings, team = policy.config, PartialState(cpu=device == "cpu")
     # Convolutions of few channels run a fifth faster with the channels innermost in memory.
-    modules = {name: m.to(device, memory_format=torch.channels_last).train() for name, m in policy.modules.items()}
+    modules = {name: m.to(team.device, memory_format=torch.channels_last).train() for name, m in policy.modules.items()}
     optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
     identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
+    identity |= {"processes": team.num_processes}
     state_file, saved, spent = run / "state.pt", 0, Cost(0.0, 0.0)
     run.mkdir(parents=True, exist_ok=True)
     if state_file.exists():
-        state = torch.load(state_file, map_location=device)
+        state = torch.load(state_file, map_location=team.device)
         if state["identity"] != identity:
             raise ValueError(
                 f"{state_file} belongs to a training with other settings (method, configuration, data or seed); "
@@ -98,7 +103,7 @@ def train(
             module.load_state_dict(state[name])
             optimizers[name].load_state_dict(state[f"{name}_optimizer"])
         saved, spent = state["step"], Cost(*state["cost"])
-        print(f"resuming at step {saved} from {state_file}")
+        team.print(f"resuming at step {saved} from {state_file}")
     began, stored = Cost.now().since(spent), time.time()
 
     def last_good() -> str:
@@ -116,10 +121,14 @@ def train(
         except OSError as error:
             raise OSError(f"the state of step {step} cannot be saved ({error}); {last_good()}") from error
 
-    bar = tqdm(range(saved, settings.steps), "training", settings.steps, initial=saved, unit="step")
+    bar = tqdm(
+        range(saved, settings.steps), "training", settings.steps, initial=saved, unit="step",
+        disable=not team.is_main_process,
+    )  # fmt: skip
     for step in bar:
         # Every step's draw depends on the seed and the step alone, so a resumed run draws the same.
-        batch = make_batch(prepared, settings, np.random.default_rng((seed, step)), policy.recolors)
+        draw = (seed, step) if team.is_main_process else (seed, step, team.process_index)
+        batch = make_batch(prepared, settings, np.random.default_rng(draw), policy.recolors)
         # Warm up over 50 steps, hold, and fall linearly to a fiftieth over the second half.
         rate = settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
         with torch.autocast("cuda", torch.bfloat16, enabled=device != "cpu"):
@@ -132,6 +141,9 @@ def train(
                 group["lr"] = rate
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
+            if team.num_processes > 1:
+                for parameter in modules[name].parameters():
+                    parameter.grad = reduce(parameter.grad, "mean")
             norm = nn.utils.clip_grad_norm_(modules[name].parameters(), 1.0)
             if not torch.isfinite(norm):
                 raise FloatingPointError(f"the {name} gradient is {norm.item()} at step {step}; {last_good()}")
@@ -142,7 +154,8 @@ def train(
             bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in losses.items()})
         due = (step + 1) % SAVE_EVERY == 0 or time.time() - stored > SAVE_SECONDS
         if due or step + 1 == settings.steps:
-            store(step + 1)
+            if team.is_main_process:
+                store(step + 1)
             saved, stored = step + 1, time.time()
     for module in modules.values():
         module.to("cpu", memory_format=torch.contiguous_format)
@@ -238,7 +251,7 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
 def hardware(device: str) -> str:
     """What trains, in words: the GPU's name, or how many of how many CPU cores."""
     if device != "cpu":
-        return torch.cuda.get_device_name()
+        return f"{PartialState().num_processes} x {torch.cuda.get_device_name()}"
     return f"{torch.get_num_threads()} of {os.cpu_count()} CPU cores"
 
 
@@ -247,7 +260,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description="Train a method from demonstrations.",
         epilog=methods.HELP
-        + "\n\nexample: python -m gem_lite.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors",
+        + "\n\nexamples:\n  python -m gem_lite.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors"
+        "\n  accelerate launch --num_processes 4 -m gem_lite.train data/demos/put-block-in-bowl-seen-colors-10 "
+        "runs/gem.safetensors --config paper --device cuda",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.demonstrations collect")
@@ -275,6 +290,8 @@ def main() -> None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)
         cost = train(policy, policy.prepare(demos), args.seed, run, args.device)
+        if not PartialState().is_main_process:
+            return  # all processes hold the same weights: one writes them
         facts = {
             "task": demos[0].task,
             "demos": len(demos),

@@ -147,6 +147,38 @@ def test_a_kill_at_any_moment_leaves_a_state_to_go_on_from(prepared, model, tmp_
     assert torch.allclose(weights(resumed), weights(whole), atol=1e-4)
 
 
+TEAM = """
+import pickle, sys, types
+from pathlib import Path
+from accelerate import PartialState
+from gem_lite import train
+from gem_lite.gem import Policy
+run = Path(sys.argv[1])
+settings, dim, steps = pickle.loads((run / "given").read_bytes())
+policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
+train.train(policy, steps, seed=3, run=run)
+weights = {name: module.state_dict() for name, module in policy.modules.items()}
+(run / f"weights-{PartialState().process_index}").write_bytes(pickle.dumps(weights))
+"""
+
+
+def test_several_processes_average_their_gradients(prepared, model, tmp_path):
+    steps, _ = prepared
+    settings = dataclasses.replace(SMALL, steps=4)
+    (tmp_path / "given").write_bytes(pickle.dumps((settings, model.dim, steps)))
+    (tmp_path / "team.py").write_text(TEAM)
+    # What `accelerate launch` calls on several GPUs; on CPUs it wants MPI.
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    subprocess.run([*launch, str(tmp_path / "team.py"), str(tmp_path)], check=True, capture_output=True, timeout=120)
+    one, two = (pickle.loads((tmp_path / f"weights-{rank}").read_bytes()) for rank in (0, 1))
+    assert torch.load(tmp_path / "state.pt")["identity"]["processes"] == 2
+    alone = Policy(settings, types.SimpleNamespace(dim=model.dim), seed=3)
+    train.train(alone, steps, seed=3, run=tmp_path / "alone")
+    for role, module in alone.modules.items():
+        assert all(torch.equal(one[role][name], two[role][name]) for name in one[role])
+        assert not all(torch.allclose(one[role][name], value) for name, value in module.state_dict().items())
+
+
 def run_main(monkeypatch, capsys, *arguments):
     """(exit status, what was written to stderr) of ``python -m gem_lite.train ARGUMENTS``."""
     monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
