@@ -310,3 +310,13 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
         rows = [row for part in parts for row in part]
     images, color, shape, part, whole = zip(*rows, strict=True)
     return Crops(np.stack(images), np.array(color), np.array(shape), np.array(part), np.array(whole))
+
+
+def rendered_crops(run: Path, scenes: int, seed: int, kind: Kind = "training") -> Crops:
+    """`render_crops`, kept in ``run``: a later call with the same scenes and seed reads them there."""
+    cache = run / f"crops-{scenes}-{seed}"
+    if (cache / "images.npy").exists():
+        return Crops.load(cache)
+    crops = render_crops(scenes, seed, kind)
+    crops.save(cache)
+    return crops

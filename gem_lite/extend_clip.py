@@ -14,7 +14,7 @@ import torch
 
 from gem_lite import clip, clip_card, pretrain_clip, vocabulary
 from gem_lite.clip import Clip
-from gem_lite.clip_crops import NOUN_NAMES, SHAPE_NAMES, Crops, render_crops
+from gem_lite.clip_crops import NOUN_NAMES, SHAPE_NAMES, Crops, render_crops, rendered_crops
 from gem_lite.resnet_clip import ResNetClip
 
 OUT = clip.DATA / "clip-sorting"
@@ -80,12 +80,8 @@ def main() -> None:
     args = parser.parse_args()
     if args.scenes < 1 or args.epochs < 1:
         parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
-    start, cache = time.time(), args.run / f"crops-{args.scenes}-{args.seed}"
-    if (cache / "images.npy").exists():
-        crops = Crops.load(cache)
-    else:
-        crops = render_crops(args.scenes, args.seed, "sorting")
-        crops.save(cache)
+    start = time.time()
+    crops = rendered_crops(args.run, args.scenes, args.seed, "sorting")
     share = np.mean(crops.shape >= len(SHAPE_NAMES))
     print(f"{len(crops)} crops, {share:.0%} of them symbol boxes")
     before = clip.load(clip.EMBEDDED)

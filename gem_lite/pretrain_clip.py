@@ -25,7 +25,7 @@ from tqdm import tqdm
 from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
 
 from gem_lite import clip, clip_card, vocabulary
-from gem_lite.clip_crops import COLOR_NAMES, IMAGE_SIZE, NOUN_NAMES, PART_KEYS, SHAPE_NAMES, Crops, render_crops
+from gem_lite.clip_crops import COLOR_NAMES, IMAGE_SIZE, NOUN_NAMES, PART_KEYS, SHAPE_NAMES, Crops, rendered_crops
 from gem_lite.resnet_clip import ResNetClip, ResNetClipConfig
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
@@ -280,12 +280,7 @@ def main() -> None:
     if args.scenes < 1 or args.epochs < 1:
         parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
     start = time.time()
-    cache = args.run / f"crops-{args.scenes}-{args.seed}"
-    if (cache / "images.npy").exists():
-        crops = Crops.load(cache)
-    else:
-        crops = render_crops(args.scenes, args.seed)
-        crops.save(cache)
+    crops = rendered_crops(args.run, args.scenes, args.seed)
     print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")
     try:
         model, tokenizer = train(crops, args.epochs, args.seed, args.run)

@@ -96,8 +96,8 @@ def train(
         state = torch.load(state_file, map_location=team.device)
         if state["identity"] != identity:
             raise ValueError(
-                f"{state_file} belongs to a training with other settings (method, configuration, data or seed); "
-                "give another run"
+                f"{state_file} belongs to a training with other settings (method, configuration, data, seed or "
+                "number of processes); give another run"
             )
         for name, module in modules.items():
             module.load_state_dict(state[name])

@@ -68,6 +68,15 @@ def test_pairs_never_shown_are_composed(model):
     assert clip_card.accuracy(model, held)["both"] >= 85
 
 
+def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
+    first = clip_crops.rendered_crops(tmp_path, 1, seed=81)
+    monkeypatch.setattr(clip_crops, "render_crops", None)  # a second rendering would fail
+    again = clip_crops.rendered_crops(tmp_path, 1, seed=81)
+    assert np.array_equal(first.images, again.images) and np.array_equal(first.shape, again.shape)
+    with pytest.raises(TypeError):
+        clip_crops.rendered_crops(tmp_path, 1, seed=82)
+
+
 def test_accuracy_counts_what_it_says(model):
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
     crops = clip_crops.render_crops(2, seed=79, kind="test")
