@@ -25,7 +25,7 @@ from tqdm import tqdm
 from gem_lite import vocabulary
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop import objects, shapes, symbols
-from gem_lite.tabletop.cameras import CAMERAS, Camera, render
+from gem_lite.tabletop.cameras import CAMERAS, LIGHT, Camera, Light, as_pose, render
 from gem_lite.tabletop.heightmap import fuse_views, sort_points
 from gem_lite.tabletop.tasks.spawn import FreeSpace
 
@@ -132,9 +132,9 @@ def _jittered(rgb: tuple[int, int, int], rng: np.random.Generator) -> tuple[floa
 
 
 def _jittered_camera(camera: Camera, rng: np.random.Generator) -> Camera:
-    turn = Rotation.from_quat(camera.quaternion) * Rotation.from_euler("xyz", rng.normal(0, 0.06, 3))
-    position = np.array(camera.position) + rng.normal(0, 0.06, 3)
-    return dataclasses.replace(camera, position=tuple(position), quaternion=tuple(turn.as_quat()))
+    turn = camera.rotation @ Rotation.from_euler("xyz", rng.normal(0, 0.06, 3)).as_matrix()
+    position = camera.position + rng.normal(0, 0.06, 3)
+    return dataclasses.replace(camera, pose=as_pose(turn, position))
 
 
 def _draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, ...]]:
@@ -213,9 +213,9 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
     try:
         workspace = Workspace(pixel=float(rng.choice([0.00625, 0.003125])))
         owner = _lay_out(client, workspace, kind, rng)
-        light = tuple(np.array([0.3, 0.2, 1.0]) + rng.normal(0, 0.25, 3))
-        light_color = tuple(np.clip(rng.normal(1, 0.03, 3), 0.85, 1.0))
-        taken = [render(client, _jittered_camera(c, rng), light, light_color, segmentation=True) for c in CAMERAS]
+        direction = tuple(np.array(LIGHT.direction) + rng.normal(0, 0.25, 3))
+        light = Light(direction, tuple(np.clip(rng.normal(1, 0.03, 3), 0.85, 1.0)))
+        taken = [render(client, _jittered_camera(c, rng), light, segmentation=True) for c in CAMERAS]
     finally:
         p.disconnect(client)
     views, masks = [view for view, _ in taken], [ids for _, ids in taken]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,41 +12,75 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite.se2 import Workspace
 
-LIGHT_DIRECTION = (0.3, 0.2, 1.0)
-OFF_CENTRE = (0.5, -0.5)
-"""TinyRenderer looks through a pixel's lower left corner: pictures lie so far (x, y pixels) from the optical axis."""
+RENDERED_CORNER = (-0.5, 0.5)
+"""TinyRenderer sees through a pixel's lower left corner: that far (x, y pixels) from the pixel's centre."""
+Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera. Its axes: +z forward, +x to the image's right, +y down.
 
+    Points, renders and localisation share this one model.
+
     Attributes:
         name: how pictures of it are labelled.
-        position: (x, y, z) in metres, world frame.
-        quaternion: (x, y, z, w), camera to world.
+        intrinsics: (3, 3). A point (X, Y, Z) in the camera's axes appears at (x, y) pixels from the upper left
+            edge of the picture, with (x, y, 1) = intrinsics (X, Y, Z) / Z; pixel (row, col) has its centre at
+            (col + 1/2, row + 1/2).
+        pose: (4, 4), from the camera's axes to the frame that the camera is given in (metres).
         size: (H, W) in pixels.
-        focal: focal length in pixels.
+        near, far: what is nearer or farther (metres along the axis) is not seen.
     """
 
     name: str
-    position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
+    intrinsics: Matrix
+    pose: Matrix
     size: tuple[int, int] = (480, 640)
-    focal: float = 450.0
     near: float = 0.01
     far: float = 10.0
+
+    @classmethod
+    def pinhole(
+        cls, name: str, position: Sequence[float], quaternion: Sequence[float], size: tuple[int, int] = (480, 640),
+        focal: float = 450.0, near: float = 0.01, far: float = 10.0,
+    ) -> Camera:  # fmt: skip
+        """A camera whose axis goes through the middle of its picture.
+
+        Args:
+            position: (x, y, z) in metres.
+            quaternion: (x, y, z, w), camera to world.
+            focal: focal length in pixels.
+        """
+        intrinsics = ((focal, 0.0, size[1] / 2), (0.0, focal, size[0] / 2), (0.0, 0.0, 1.0))
+        rotation = Rotation.from_quat(quaternion).as_matrix()
+        return cls(name, intrinsics, as_pose(rotation, position), size, near, far)
 
     @property
     def rotation(self) -> np.ndarray:
         """(3, 3) camera-to-world rotation."""
-        return Rotation.from_quat(self.quaternion).as_matrix()
+        return np.array(self.pose)[:3, :3]
+
+    @property
+    def position(self) -> np.ndarray:
+        """(3,) where the camera is, in metres."""
+        return np.array(self.pose)[:3, 3]
 
     @property
     def matrix(self) -> np.ndarray:
-        """(3, 3) intrinsics as a calibration would find them: for (x, y) pixels from the upper left edge."""
-        (height, width), (right, down) = self.size, OFF_CENTRE
-        return np.array([[self.focal, 0, width / 2 + right], [0, self.focal, height / 2 + down], [0, 0, 1]])
+        """(3, 3) ``intrinsics`` as an array."""
+        return np.array(self.intrinsics)
+
+    @property
+    def focal(self) -> float:
+        """The focal length in pixels, along the picture's rows."""
+        return self.intrinsics[0][0]
+
+
+def as_pose(rotation: np.ndarray, position: Sequence[float]) -> Matrix:
+    """A (3, 3) rotation and a position (m) as the (4, 4) ``pose`` of a `Camera`."""
+    rows = np.column_stack([rotation, position]).tolist()
+    return (*(tuple(row) for row in rows), (0.0, 0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -71,7 +106,7 @@ class View:
     def points(self) -> np.ndarray:
         """(H, W, 3) float32: the world position of every pixel, in metres."""
         points = _rays(self.camera) * self.depth[..., None]
-        points += np.array(self.camera.position, np.float32)
+        points += self.camera.position.astype(np.float32)
         return points
 
 
@@ -79,16 +114,15 @@ class View:
 def _rays(camera: Camera) -> np.ndarray:
     """(H, W, 3) float32: from the camera to each pixel's point at depth 1, in the world's directions."""
     height, width = camera.size
-    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / camera.focal
-    y = (np.arange(height, dtype=np.float32) + 0.5 - height / 2) / camera.focal
-    rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], np.float32(1.0)), axis=-1)
-    return rays @ camera.rotation.T.astype(np.float32)
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)  # the pixels' centres, each (H, W)
+    pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
+    return (pixels @ np.linalg.inv(camera.matrix).T @ camera.rotation.T).astype(np.float32)
 
 
 CAMERAS: tuple[Camera, ...] = (
-    Camera("front", (1.0, 0.0, 0.75), (0.6533, 0.6533, -0.2706, -0.2706)),
-    Camera("left", (0.0, 0.5, 0.75), (-0.3596, 0.8682, -0.3160, 0.1309)),
-    Camera("right", (0.0, -0.5, 0.75), (-0.8682, 0.3596, -0.1309, 0.3160)),
+    Camera.pinhole("front", (1.0, 0.0, 0.75), (0.6533, 0.6533, -0.2706, -0.2706)),
+    Camera.pinhole("left", (0.0, 0.5, 0.75), (-0.3596, 0.8682, -0.3160, 0.1309)),
+    Camera.pinhole("right", (0.0, -0.5, 0.75), (-0.8682, 0.3596, -0.1309, 0.3160)),
 )
 """CLIPort's front, left and right cameras."""
 
@@ -96,8 +130,8 @@ CAMERAS: tuple[Camera, ...] = (
 def cameras_around(workspace: Workspace) -> tuple[Camera, ...]:
     """`CAMERAS`, drawn nearer or farther with the table's length (CLIPort's is 1 m long)."""
     middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2, 0.0])
-    placed = [middle + workspace.length * (np.array(camera.position) - (0.5, 0.0, 0.0)) for camera in CAMERAS]
-    return tuple(replace(c, position=tuple(at.tolist())) for c, at in zip(CAMERAS, placed, strict=True))
+    placed = [middle + workspace.length * (camera.position - (0.5, 0.0, 0.0)) for camera in CAMERAS]
+    return tuple(replace(c, pose=as_pose(c.rotation, at)) for c, at in zip(CAMERAS, placed, strict=True))
 
 
 def looking(name: str, position: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
@@ -107,15 +141,33 @@ def looking(name: str, position: tuple[float, float, float], target: tuple[float
     right = np.cross(forward, (0, 0, 1))
     right /= np.linalg.norm(right)
     turn = Rotation.from_matrix(np.stack([right, np.cross(forward, right), forward], axis=1))
-    return Camera(name, position, tuple(turn.as_quat().tolist()))
+    return Camera.pinhole(name, position, turn.as_quat())
+
+
+@dataclass(frozen=True)
+class Light:
+    """The one lamp of a scene, far away.
+
+    Attributes:
+        direction: towards the lamp (x, y, z), of any length.
+        color: (red, green, blue) in [0, 1].
+        ambient, diffuse: how strongly it lights what faces away and what faces it; TinyRenderer adds both.
+        shadow: whether bodies cast shadows.
+    """
+
+    direction: tuple[float, float, float] = (0.3, 0.2, 1.0)
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    ambient: float = 0.6
+    diffuse: float = 0.35
+    shadow: bool = False
+
+
+LIGHT = Light()
+"""The lamp of every world where nothing else is said."""
 
 
 def render(
-    client: int,
-    camera: Camera,
-    light: tuple[float, float, float] = LIGHT_DIRECTION,
-    light_color: tuple[float, float, float] = (1.0, 1.0, 1.0),
-    segmentation: bool = False,
+    client: int, camera: Camera, light: Light = LIGHT, segmentation: bool = False
 ) -> tuple[View, np.ndarray | None]:
     """Take a picture of a PyBullet world.
 
@@ -125,17 +177,18 @@ def render(
         sees it.
     """
     forward, up = camera.rotation[:, 2], -camera.rotation[:, 1]
-    eye = np.array(camera.position)
+    eye = camera.position
     height, width = camera.size
-    fov = 2 * np.degrees(np.arctan(height / 2 / camera.focal))
     _, _, rgba, buffer, ids = p.getCameraImage(
         width,
         height,
         viewMatrix=p.computeViewMatrix(eye, eye + forward, up),
-        projectionMatrix=p.computeProjectionMatrixFOV(fov, width / height, camera.near, camera.far),
-        shadow=0,
-        lightDirection=light,
-        lightColor=light_color,
+        projectionMatrix=projection(camera),
+        shadow=int(light.shadow),
+        lightDirection=light.direction,
+        lightColor=light.color,
+        lightAmbientCoeff=light.ambient,
+        lightDiffuseCoeff=light.diffuse,
         flags=p.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX if segmentation else p.ER_NO_SEGMENTATION_MASK,
         renderer=p.ER_TINY_RENDERER,
         physicsClientId=client,
@@ -148,6 +201,17 @@ def render(
     return View(camera, rgb, depth), masks
 
 
+def projection(camera: Camera) -> list[float]:
+    """OpenGL's projection matrix (16 numbers) with which TinyRenderer draws what ``camera.intrinsics`` describe."""
+    height, width = camera.size
+    (focal_x, _, x), (_, focal_y, y), _ = camera.intrinsics
+    # Each pixel is drawn as seen through its corner, so the picture moves until that is the centre's ray.
+    x, y = x + RENDERED_CORNER[0], y + RENDERED_CORNER[1]
+    left, right = -x / focal_x * camera.near, (width - x) / focal_x * camera.near
+    bottom, top = (y - height) / focal_y * camera.near, y / focal_y * camera.near
+    return p.computeProjectionMatrix(left, right, bottom, top, camera.near, camera.far)
+
+
 def bodies_from_above(client: int, workspace: Workspace) -> np.ndarray:
     """Which body lies on top in each cell of a height map: for scoring and tests, no policy sees it.
 
@@ -157,10 +221,8 @@ def bodies_from_above(client: int, workspace: Workspace) -> np.ndarray:
     # So far up, a block's top moves by less than half a millimetre; and TinyRenderer is not reliable with an
     # orthographic projection (it loses parts of bowls).
     w, height = workspace, 50.0
-    # TinyRenderer looks through a pixel's lower left corner; half a cell further is the cell's centre.
-    x, y = (w.x_min + w.x_max + w.pixel) / 2, (w.y_min + w.y_max + w.pixel) / 2
-    camera = Camera(
-        "above", (x, y, height), (1.0, 0.0, 0.0, 0.0), w.shape, height / w.pixel, near=height - w.z_max, far=height + 1
-    )
+    x, y = (w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2
+    near, far = height - w.z_max, height + 1
+    camera = Camera.pinhole("above", (x, y, height), (1.0, 0.0, 0.0, 0.0), w.shape, height / w.pixel, near, far)
     ids = render(client, camera, segmentation=True)[1]
     return np.where(ids < 0, ids, ids & 0xFFFFFF)  # without the link's bits

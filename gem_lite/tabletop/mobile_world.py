@@ -18,11 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.cameras import Camera, View, cameras_around, looking, render
+from gem_lite.tabletop.cameras import Camera, View, as_pose, cameras_around, looking, render
 from gem_lite.tabletop.gripper import CLEARANCE, GripperState
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
-from gem_lite.tabletop.world import FLOOR_COLOR, TABLE_COLOR, Observation, Simulation
+from gem_lite.tabletop.world import Observation, Simulation
+from gem_lite.tabletop.worlds import FLOOR_COLOR, TABLE_COLOR
 
 TABLE_HEIGHT = 0.7
 """Heights are measured from the tables' tops: the floor lies so far (m) below."""
@@ -46,7 +47,7 @@ def mast_camera(height: float = 0.6, pitch: float = math.radians(50)) -> Camera:
     """
     level = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # camera axes of a level look along +x
     turn = Rotation.from_euler("y", pitch) * level
-    return Camera("body", (0.1, 0.0, height), tuple(turn.as_quat().tolist()))
+    return Camera.pinhole("body", (0.1, 0.0, height), turn.as_quat())
 
 
 @dataclass(frozen=True)
@@ -202,9 +203,10 @@ class MobileWorld(Simulation):
 
 def placed(camera: Camera, frame: Pose2) -> Camera:
     """A camera given in a frame that lies at ``frame`` in the world, as the world sees it."""
-    at = frame @ Pose2(*camera.position[:2])
-    turn = Rotation.from_euler("z", frame.yaw) * Rotation.from_quat(camera.quaternion)
-    return replace(camera, position=(at.x, at.y, camera.position[2]), quaternion=tuple(turn.as_quat().tolist()))
+    x, y, z = camera.position
+    at = frame @ Pose2(x, y)
+    turn = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
+    return replace(camera, pose=as_pose(turn, (at.x, at.y, z)))
 
 
 def take(client: int, camera: Camera, frame: Pose2) -> View:

@@ -21,16 +21,37 @@ from shapely.ops import unary_union
 from gem_lite.se2 import Pose2, quaternion
 
 BLOCK_SIZE = 0.04
-BOWL_RADIUS, BOWL_BASE_RADIUS, BOWL_HEIGHT, BOWL_WALL = 0.058, 0.045, 0.035, 0.006
 PIECE_SIZE, PIECE_HEIGHT = 0.06, 0.02
 
 
+@dataclass(frozen=True)
+class BowlProfile:
+    """The outline of a bowl in metres: outer radii at rim and base, height, thickness of wall and floor.
+
+    ``bend`` shapes the wall: at the share s of the height, the wall has come the share s**bend of the way from
+    base to rim. At 1 it is straight, below 1 it is round.
+    """
+
+    rim: float = 0.058
+    base: float = 0.045
+    height: float = 0.035
+    wall: float = 0.006
+    floor: float = 0.01
+    bend: float = 1.0
+
+
+BOWL = BowlProfile()
+"""The bowl of every task where nothing else is said."""
+
+
 @cache
-def bowl_mesh() -> trimesh.Trimesh:
-    """An open bowl: outer radius 58 mm at the rim, 45 mm at the base, 35 mm high."""
-    outer = [(0, 0), (BOWL_BASE_RADIUS, 0), (BOWL_RADIUS, BOWL_HEIGHT)]
-    inner = [(BOWL_RADIUS - BOWL_WALL, BOWL_HEIGHT), (BOWL_BASE_RADIUS - BOWL_WALL, 0.01), (0, 0.01)]
-    return trimesh.creation.revolve(np.array(outer + inner), sections=32)
+def bowl_mesh(profile: BowlProfile = BOWL) -> trimesh.Trimesh:
+    """An open bowl that is round about z."""
+    share = np.linspace(0, 1, 2 if profile.bend == 1 else 9)
+    radius = profile.base + (profile.rim - profile.base) * share**profile.bend
+    outer = np.stack([radius, share * profile.height], axis=1)
+    inner = np.stack([radius - profile.wall, profile.floor + share * (profile.height - profile.floor)], axis=1)[::-1]
+    return trimesh.creation.revolve(np.concatenate([[(0, 0)], outer, inner, [(0, profile.floor)]]), sections=32)
 
 
 def _regular(count: int, radius: float, phase: float = np.pi / 2) -> Polygon:
@@ -265,22 +286,24 @@ def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     return create_body(client, collision, create_visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
 
 
-def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) -> Body:
+def add_bowl(
+    client: int, color: tuple[float, ...], pose: Pose2, movable: bool, profile: BowlProfile = BOWL
+) -> Body:  # fmt: skip
     """A bowl that really holds things: 15 slanted wall boxes and a floor.
 
     PyBullet keeps at most 16 shapes a body and drops the others without a word.
     """
-    sides, wall, floor = 15, BOWL_WALL, 0.01
-    slant = np.arctan2(BOWL_RADIUS - BOWL_BASE_RADIUS, BOWL_HEIGHT)
-    radius = (BOWL_RADIUS + BOWL_BASE_RADIUS) / 2 - wall / 2
-    half = [[wall / 2, radius * np.tan(np.pi / sides) * 1.1, BOWL_HEIGHT / 2 / np.cos(slant)]] * sides
+    sides = 15
+    slant = np.arctan2(profile.rim - profile.base, profile.height)
+    radius = (profile.rim + profile.base) / 2 - profile.wall / 2
+    half = [[profile.wall / 2, radius * np.tan(np.pi / sides) * 1.1, profile.height / 2 / np.cos(slant)]] * sides
     positions, turns = [], []
     for angle in 2 * np.pi * np.arange(sides) / sides:
         positions.append([radius * np.cos(angle), radius * np.sin(angle), 0.0])
         turns.append(p.getQuaternionFromEuler([0, slant, angle]))
-    disc = BOWL_BASE_RADIUS * 0.7
-    half.append([disc, disc, floor / 2])
-    positions.append([0, 0, floor / 2 - BOWL_HEIGHT / 2])
+    disc = profile.base * 0.7
+    half.append([disc, disc, profile.floor / 2])
+    positions.append([0, 0, (profile.floor - profile.height) / 2])
     turns.append([0, 0, 0, 1])
     collision = p.createCollisionShapeArray(
         [p.GEOM_BOX] * (sides + 1),
@@ -289,5 +312,5 @@ def add_bowl(client: int, color: tuple[float, ...], pose: Pose2, movable: bool) 
         collisionFrameOrientations=turns,
         physicsClientId=client,
     )
-    visual = create_visual(client, bowl_mesh(), color, BOWL_HEIGHT / 2)
-    return create_body(client, collision, visual, pose, BOWL_HEIGHT / 2, 0.1, movable)
+    visual = create_visual(client, bowl_mesh(profile), color, profile.height / 2)
+    return create_body(client, collision, visual, pose, profile.height / 2, 0.1, movable)

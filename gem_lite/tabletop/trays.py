@@ -30,14 +30,16 @@ Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 """The lowest and the highest corner of a box (m)."""
 
 
-def add_container(client: int, size: tuple[float, float], color: tuple[float, ...], pose: Pose2) -> Body:
+def add_container(
+    client: int, size: tuple[float, float], color: tuple[float, ...], pose: Pose2, height: float = CONTAINER_HEIGHT
+) -> Body:  # fmt: skip
     """A fixed box, open on top; ``size`` (x, y metres) is measured between the middles of its walls."""
-    return _add_boxes(client, container_boxes(size), color, pose)
+    return _add_boxes(client, container_boxes(size, height), color, pose)
 
 
-def container_boxes(size: tuple[float, float]) -> list[Bounds]:
+def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Bounds]:
     """The floor and the four walls of `add_container`."""
-    x, y, t, h = size[0] / 2, size[1] / 2, WALL / 2, CONTAINER_HEIGHT
+    x, y, t, h = size[0] / 2, size[1] / 2, WALL / 2, height
     boxes = [((-x, -y, 0), (x, y, WALL))]
     boxes += [((s * x - t, -y - t, 0), (s * x + t, y + t, h)) for s in (-1, 1)]
     return boxes + [((-x - t, s * y - t, 0), (x + t, s * y + t, h)) for s in (-1, 1)]
@@ -59,11 +61,13 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     return _add_boxes(client, floor + [((*a, 0), (*b, h)) for a, b in walls], color, pose)
 
 
-def in_container(world: World, container: Body, size: tuple[float, float], body: Body) -> bool:
+def in_container(
+    world: World, container: Body, size: tuple[float, float], body: Body, height: float = CONTAINER_HEIGHT
+) -> bool:  # fmt: skip
     """Whether a body's centre is inside a container of `add_container`: between its walls and below their rim."""
     pose, z = world.pose(body)
     off = world.pose(container)[0].inverse() @ pose
-    return abs(off.x) < size[0] / 2 and abs(off.y) < size[1] / 2 and z < CONTAINER_HEIGHT
+    return abs(off.x) < size[0] / 2 and abs(off.y) < size[1] / 2 and z < height
 
 
 def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import pybullet as p
 
-from gem_lite import colors
 from gem_lite.se2 import Action, Pose2, Workspace, quaternion
 from gem_lite.tabletop.cameras import View, cameras_around, render
 from gem_lite.tabletop.gripper import PARKED, Gripper, GripperState
 from gem_lite.tabletop.shapes import Body
+from gem_lite.tabletop.worlds import HOME, RGBA, TABLE_COLOR, WorldStyle
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.tasks import Task
@@ -26,9 +26,6 @@ SETTLE_STEPS = 4800
 """Budget for the scene to come to rest, in simulation steps."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
-RGBA = tuple[float, float, float, float]
-FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
-TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
 
 
 @dataclass(frozen=True)
@@ -64,12 +61,14 @@ class Simulation(ABC):
 
     Args:
         gui: open PyBullet's window; headless by default.
+        style: how scenes look and lie.
     """
 
     tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
     parked: tuple[float, float, float] = PARKED
 
-    def __init__(self, gui: bool = False) -> None:
+    def __init__(self, gui: bool = False, style: WorldStyle = HOME) -> None:
+        self.style = style
         self.workspace = Workspace()
         self.client = p.connect(p.GUI if gui else p.DIRECT)
         self.bodies: list[Body] = []
@@ -174,7 +173,7 @@ class World(Simulation):
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005)
         self.add_slab(centre, half, 0.0, TABLE_COLOR, solid=False)
         self.add_slab(centre, (3.0, 3.0, 0.05), 0.0, (0, 0, 0, 0), solid=True)
-        self.add_slab(centre, (3.0, 3.0, 0.0005), -0.1, FLOOR_COLOR, solid=False)
+        self.add_slab(centre, (3.0, 3.0, 0.0005), -0.1, self.style.floor, solid=False)
 
     def reset(self, task: Task, seed: int) -> Observation:
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
@@ -183,7 +182,8 @@ class World(Simulation):
 
     def observe(self) -> Observation:
         """Take the three pictures."""
-        return Observation(tuple(render(self.client, camera)[0] for camera in cameras_around(self.workspace)))
+        cameras = cameras_around(self.workspace)
+        return Observation(tuple(render(self.client, camera, self.style.light)[0] for camera in cameras))
 
     def step(self, action: Action, watch: Callable[[str], None] | None = None) -> Step:
         """Pick, place, let the scene settle, score it; then the task may go on to its next instruction.

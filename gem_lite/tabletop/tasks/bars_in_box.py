@@ -34,10 +34,12 @@ class BarsInBox(Task):
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """See `Task.reset`."""
-        free = FreeSpace(world.workspace, rng)
+        free = FreeSpace(world.workspace, rng, world.style)
         self._size = tuple(rng.uniform(*BOX_SIDES, 2).tolist())
+        heights = world.style.box_heights
+        self._height = heights[free.choose(len(heights))]
         pose = free.take(math.hypot(*self._size) / 2)
-        self._box = world.add(trays.add_container(world.client, self._size, colors.rgba("brown"), pose))
+        self._box = world.add(trays.add_container(world.client, self._size, colors.rgba("brown"), pose, self._height))
         chosen = [str(name) for name in rng.choice(self._palette, BARS, replace=False)]
         bars = [
             world.add(shapes.add_box(world.client, BAR_SIZE, colors.rgba(name), free.take(BAR_RADIUS)))
@@ -53,7 +55,7 @@ class BarsInBox(Task):
 
     def score(self, world: World) -> float:
         """1 if the bar's centre is in the box, else 0."""
-        return float(trays.in_container(world, self._box, self._size, self._bar))
+        return float(trays.in_container(world, self._box, self._size, self._bar, self._height))
 
     def expert(self, world: World) -> ExpertAction | None:
         """Grasp the bar by its middle, across it, and take it to the box's middle, where every turn is as good.

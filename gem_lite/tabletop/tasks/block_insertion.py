@@ -33,7 +33,7 @@ class BlockInsertion(Task):
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """See `Task.reset`."""
-        free = FreeSpace(world.workspace, rng)
+        free = FreeSpace(world.workspace, rng, world.style)
         block, fixture = (str(name) for name in rng.choice(self._palette, 2, replace=False))
         pose = free.take(trays.FIXTURE_RADIUS)
         self._fixture = world.add(trays.add_l_fixture(world.client, colors.rgba(fixture), pose))

@@ -47,7 +47,7 @@ class ObjectSorting(Task):
 
     def reset(self, world: Simulation, rng: np.random.Generator) -> None:
         """See `Task.reset`."""
-        free = [FreeSpace(world.workspace, rng) for _ in world.tables]
+        free = [FreeSpace(world.workspace, rng, world.style) for _ in world.tables]
 
         def anywhere(radius: float) -> Pose2:
             table = int(rng.integers(len(world.tables)))

@@ -44,10 +44,12 @@ class PackingShapes(Task):
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """See `Task.reset`."""
-        free = FreeSpace(world.workspace, rng)
+        free = FreeSpace(world.workspace, rng, world.style)
         self._size = tuple(rng.uniform(*BOX_SIDES, 2).tolist())
+        heights = world.style.box_heights
+        self._height = heights[free.choose(len(heights))]
         pose = free.take(math.hypot(*self._size) / 2)
-        self._box = world.add(trays.add_container(world.client, self._size, colors.rgba("brown"), pose))
+        self._box = world.add(trays.add_container(world.client, self._size, colors.rgba("brown"), pose, self._height))
         self.names = {self._box.id: "brown box"}
         chosen = [str(name) for name in rng.choice(self._shapes, PIECES, replace=False)]
         bodies = []
@@ -62,7 +64,7 @@ class PackingShapes(Task):
 
     def score(self, world: World) -> float:
         """1 if the piece's centre is in the box, else 0."""
-        return float(trays.in_container(world, self._box, self._size, self._piece))
+        return float(trays.in_container(world, self._box, self._size, self._piece, self._height))
 
     def expert(self, world: World) -> ExpertAction | None:
         """Take the piece by its `grasp_point` to the box's middle, where every turn is as good."""

@@ -35,7 +35,7 @@ class PutBlockInBowl(Task):
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """Lay out the scene. Raises RuntimeError if a named object finds no place (never seen)."""
-        free = FreeSpace(world.workspace, rng)
+        free = FreeSpace(world.workspace, rng, world.style)
         bowl_count = int(rng.integers(1, 4))
         block_count = int(rng.integers(1, bowl_count + 1))
         block_color, bowl_color = (str(name) for name in rng.choice(self._palette, 2, replace=False))
@@ -59,12 +59,13 @@ class PutBlockInBowl(Task):
 
     @staticmethod
     def _add_bowl(world: World, free: FreeSpace, color: str, movable: bool) -> shapes.Body | None:
-        pose = free.sample(shapes.BOWL_RADIUS)
-        return pose and world.add(shapes.add_bowl(world.client, colors.rgba(color), pose, movable))
+        profile = world.style.bowls[free.choose(len(world.style.bowls))]
+        pose = free.sample(profile.rim)
+        return pose and world.add(shapes.add_bowl(world.client, colors.rgba(color), pose, movable, profile))
 
     @staticmethod
     def _add_block(world: World, free: FreeSpace, color: str) -> shapes.Body | None:
-        pose = free.sample(BLOCK_RADIUS)
+        pose = free.sample(BLOCK_RADIUS, shapes.BLOCK_SIZE / 2)
         return pose and world.add(shapes.add_block(world.client, colors.rgba(color), pose))
 
     def _distances(self, world: World) -> np.ndarray:

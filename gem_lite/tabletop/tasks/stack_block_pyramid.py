@@ -16,20 +16,21 @@ from gem_lite.tabletop.tasks.task import ExpertAction, Task
 if TYPE_CHECKING:
     from gem_lite.tabletop.world import World
 
-PLATE_SIZE = (0.05, 0.05, 0.005)
+SPACING = 0.05
+"""Distance (m) between the middles of neighbouring plates; also their length."""
 PLATES = {
     "lightest brown block": (0.918, 0.688, 0.559, 1.0),
     "middle brown block": (0.612, 0.459, 0.373, 1.0),
     "darkest brown block": (0.306, 0.229, 0.186, 1.0),
 }
 """The base's plates along its +y, as the sentences call them, and their RGBA."""
-BASE_RADIUS = math.hypot(0.025, 0.075)
 SPOTS = ((-0.05, 0), (0.0, 0), (0.05, 0), (-0.025, 1), (0.025, 1), (0.0, 2))
 """Where each of the six blocks belongs: y (m) in the base's frame, and layer."""
 TOLERANCE = 0.01
 """A block this near (m) to its spot, in x and y and in height, is placed."""
 YAW_TOLERANCE = math.radians(15)
-BLOCK_RADIUS = shapes.BLOCK_SIZE / math.sqrt(2)
+BLOCK_EXTENT = (shapes.BLOCK_SIZE / math.sqrt(2), shapes.BLOCK_SIZE / 2)
+"""How far (m) a block reaches to its corners, and to its sides."""
 
 
 class StackBlockPyramid(Task):
@@ -45,15 +46,17 @@ class StackBlockPyramid(Task):
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
         """See `Task.reset`."""
-        free = FreeSpace(world.workspace, rng)
+        free = FreeSpace(world.workspace, rng, world.style)
         self.named_colors = tuple(str(name) for name in rng.choice(self._palette, len(SPOTS), replace=False))
-        self._base = free.take(BASE_RADIUS)
+        width, self._thickness = world.style.plates[free.choose(len(world.style.plates))]
+        self._base = free.take(math.hypot(width, 3 * SPACING) / 2)
+        size = (width, SPACING, self._thickness)
         plates = [
-            world.add(shapes.add_box(world.client, PLATE_SIZE, rgba, self._base @ Pose2(0, y), movable=False))
+            world.add(shapes.add_box(world.client, size, rgba, self._base @ Pose2(0, y), movable=False))
             for rgba, (y, _) in zip(PLATES.values(), SPOTS, strict=False)
         ]
         self._blocks = [
-            world.add(shapes.add_block(world.client, colors.rgba(name), free.take(BLOCK_RADIUS)))
+            world.add(shapes.add_block(world.client, colors.rgba(name), free.take(*BLOCK_EXTENT)))
             for name in self.named_colors
         ]
         self.names = {plate.id: name for plate, name in zip(plates, PLATES, strict=True)}
@@ -72,7 +75,7 @@ class StackBlockPyramid(Task):
         y, layer = SPOTS[index]
         pose, z = world.pose(self._blocks[index])
         off = (self._base @ Pose2(0, y)).inverse() @ pose
-        height = PLATE_SIZE[2] + (layer + 0.5) * shapes.BLOCK_SIZE
+        height = self._thickness + (layer + 0.5) * shapes.BLOCK_SIZE
         near = math.hypot(off.x, off.y) < TOLERANCE and abs(z - height) < TOLERANCE
         return near and abs(wrap(4 * off.yaw) / 4) < YAW_TOLERANCE  # a cube looks the same after a quarter turn
 

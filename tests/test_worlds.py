@@ -1,0 +1,104 @@
+"""Worlds by name: what differs between them, and what does not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gem_lite.se2 import Workspace
+from gem_lite.tabletop import tasks
+from gem_lite.tabletop.tasks.spawn import FreeSpace
+from gem_lite.tabletop.world import World
+from gem_lite.tabletop.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle
+
+BOWL_TASK = "put-block-in-bowl-seen-colors"
+
+
+def laid_out(name, index=0, task_name=BOWL_TASK):
+    """Names and planar poses of an episode's bodies, and the first camera's picture."""
+    task = tasks.make(task_name, "val")
+    with World(style=WORLDS[name]) as world:
+        observation = world.reset(task, tasks.episode_seed("val", index))
+        poses = np.array([[world.pose(body)[0].x, world.pose(body)[0].y] for body in world.bodies])
+        return task.instruction, poses, observation.views[0].rgb.astype(int)
+
+
+@pytest.mark.parametrize("name", ["white-floor", "shadows", "bright-light"])
+def test_another_look_is_the_same_layout(name):
+    instruction, poses, picture = laid_out("home")
+    changed_instruction, changed_poses, changed_picture = laid_out(name)
+    assert changed_instruction == instruction
+    assert changed_poses == pytest.approx(poses, abs=1e-9)
+    assert (np.abs(changed_picture - picture).max(axis=-1) > 5).mean() > 0.2
+
+
+def test_shadows_are_cast():
+    style = WORLDS["shadows"]
+    lit = WorldStyle("lit", light=dataclasses.replace(style.light, shadow=False))
+    pictures = []
+    for one_style in (style, lit):
+        with World(style=one_style) as world:
+            task = tasks.make(BOWL_TASK, "val")
+            observation = world.reset(task, tasks.episode_seed("val", 3))
+            pictures.append(observation.views[0].rgb.astype(int).sum(axis=-1))
+    darker = pictures[1] - pictures[0]
+    on_the_table = (darker > 12) & (darker < 22)  # the floor below darkens as a whole, by more
+    assert 0.001 < on_the_table.mean() < 0.1
+
+
+def test_tested_containers_were_never_demonstrated():
+    assert not set(OTHER_BOWLS) & set(TRAINING_BOWLS)
+    assert not set(WORLDS["other-containers"].box_heights) & set(WORLDS["varied"].box_heights)
+    assert not set(WORLDS["other-containers"].plates) & set(WORLDS["varied"].plates)
+
+
+def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
+    def nearest_gap(style):
+        gaps = []
+        for seed in range(20):
+            free = FreeSpace(Workspace(), np.random.default_rng(seed), style)
+            poses = [free.take(0.02) for _ in range(6)]
+            distance = [np.hypot(a.x - b.x, a.y - b.y) for i, a in enumerate(poses) for b in poses[:i]]
+            gaps.append(min(distance) - 0.04)
+        return np.array(gaps)
+
+    assert nearest_gap(HOME).min() >= 0.015 - 1e-9
+    touching = nearest_gap(WORLDS["touching"])
+    assert touching.min() >= 0.001 - 1e-9
+    assert (touching < 0.0011).mean() > 0.8
+
+
+def test_blocks_touch_face_to_face():
+    style = WorldStyle("all", touching=1.0)
+    free = FreeSpace(Workspace(), np.random.default_rng(0), style)
+    first, second = (free.take(0.02 * 2**0.5, 0.02) for _ in range(2))
+    off = first.inverse() @ second
+    assert sorted([abs(off.x), abs(off.y)]) == pytest.approx([0, 0.041])
+    assert off.yaw == pytest.approx(0)
+
+
+def test_bodies_at_the_edge():
+    free = FreeSpace(Workspace(), np.random.default_rng(0), WorldStyle("edge", at_edge=1.0))
+    poses = [free.take(0.02) for _ in range(8)]
+    w = Workspace()
+    border = [min(p.x - w.x_min, w.x_max - p.x, p.y - w.y_min, w.y_max - p.y) for p in poses]
+    assert border == pytest.approx([0.02] * 8)
+
+
+@pytest.mark.parametrize("name", [name for name in WORLDS if name != "home"])
+@pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
+def test_the_expert_solves_every_world(name, task_name):
+    rewards = []
+    with World(style=WORLDS[name]) as world:
+        for index in range(3):
+            task = tasks.make(task_name, "val")
+            world.reset(task, tasks.episode_seed("val", index))
+            total = 0.0
+            for _ in range(task.max_steps):
+                expert_action = task.expert(world)
+                if expert_action is None:
+                    break
+                step = world.step(expert_action.action)
+                total += step.reward
+            rewards.append(total)
+    assert sum(reward > 0.99 for reward in rewards) >= 2
