@@ -69,7 +69,7 @@ class Simulation(ABC):
     tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
     parked: tuple[float, float, float] = PARKED
 
-    def __init__(self, gui: bool = False) -> None:
+    def __init__(self, gui: bool = False, style: object = None) -> None:
         self.workspace = Workspace()
         self.client = p.connect(p.GUI if gui else p.DIRECT)
         self.bodies: list[Body] = []
