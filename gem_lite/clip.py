@@ -21,7 +21,17 @@ from transformers.image_processing_base import ImageProcessingMixin
 from gem_lite.calibration import Calibration, load_or_measure
 from gem_lite.resnet_clip import ResNetClip
 
-DATA = Path(__file__).resolve().parent.parent / "data"
+
+def data_folder(package: Path) -> Path:
+    """Where models, demonstrations and results are, given the folder of the package ``gem_lite``.
+
+    In a checkout that is ``data`` beside the package; an installed wheel has it as ``gem_lite_data``.
+    """
+    checkout = package.parent / "data"
+    return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
+
+
+DATA = data_folder(Path(__file__).resolve().parent)
 EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 

@@ -7,6 +7,7 @@ height map, under changing light. Labels come from the renderer's segmentation.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import multiprocessing
 import os
 from dataclasses import dataclass
@@ -313,8 +314,15 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
 
 
 def rendered_crops(run: Path, scenes: int, seed: int, kind: Kind = "training") -> Crops:
-    """`render_crops`, kept in ``run``: a later call with the same scenes and seed reads them there."""
-    cache = run / f"crops-{scenes}-{seed}"
+    """`render_crops`, kept in ``run``: a later call with the same scenes, seed and kind reads them there.
+
+    The first scene is rendered in any case, and its sum is a part of the folder's name: crops that were kept before
+    a change of objects, cameras or light are not taken for the new ones.
+    """
+    first_scene = hashlib.sha256()
+    for image, *label in _render_indexed((seed, 0, kind)):
+        first_scene.update(image.tobytes() + repr(label).encode())
+    cache = run / f"crops-{kind}-{scenes}-{seed}-{first_scene.hexdigest()[:12]}"
     if (cache / "images.npy").exists():
         return Crops.load(cache)
     crops = render_crops(scenes, seed, kind)

@@ -31,7 +31,7 @@ ROUNDING = 1e-6
 class CropEntry:
     """One event of a demonstration: what was acted on, in words and as a picture (H, W, 3) uint8.
 
-    Raises ValueError for an empty phrase or another kind of picture.
+    Raises ValueError for an empty phrase, another kind of picture, or an episode that is no number from 0 on.
     """
 
     phrase: str
@@ -39,8 +39,10 @@ class CropEntry:
     episode: int
 
     def __post_init__(self) -> None:
-        if not self.phrase.strip():
+        if not isinstance(self.phrase, str) or not self.phrase.strip():
             raise ValueError(f"phrase must name what was acted on, got {self.phrase!r}")
+        if type(self.episode) is not int or not 0 <= self.episode < 2**63:
+            raise ValueError(f"episode must be a number from 0 on, got {self.episode!r}")
         shape, kind = self.image.shape, self.image.dtype
         if len(shape) != 3 or shape[-1] != 3 or 0 in shape or kind != np.uint8:
             raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {kind}")
@@ -104,7 +106,16 @@ class CropMemory:
 
     @classmethod
     def unpack(cls, images: np.ndarray, labels: Sequence[dict], clip: Clip) -> CropMemory:
-        """The memory that `pack` took apart, embedded by any CLIP."""
+        """The memory that `pack` took apart, embedded by any CLIP.
+
+        Raises:
+            ValueError: not one label for each picture, a label without phrase or episode, or a wrong picture.
+        """
+        if not isinstance(labels, list | tuple) or len(labels) != len(images):
+            raise ValueError(f"labels must be one for each of {len(images)} pictures, got {labels!r:.200}")
+        for label in labels:
+            if not isinstance(label, dict) or label.keys() != {"phrase", "episode"}:
+                raise ValueError(f"a label must hold a phrase and an episode, got {label!r:.200}")
         return cls([CropEntry(image=image, **label) for image, label in zip(images, labels, strict=True)], clip)
 
     def save(self, path: Path) -> None:
@@ -124,13 +135,17 @@ class CropMemory:
         """
         try:
             with safe_open(path, "np") as file:
-                metadata, images = file.metadata() or {}, file.get_tensor("images")
-        except SafetensorError as error:
+                metadata = file.metadata() or {}
+                images = file.get_tensor("images")
+        except (SafetensorError, TypeError) as error:  # TypeError: a type of number that NumPy does not have
             raise ValueError(f"{path} is cut off or no crop memory: {error}") from error
         text = metadata.get("entries", "")
         if metadata.get("sha256") != _digest(images, text):
             raise ValueError(f"{path} was changed or is no crop memory: its SHA-256 is not the one it was saved with")
-        return cls.unpack(images, json.loads(text), clip)
+        try:
+            return cls.unpack(images, json.loads(text), clip)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path} is no crop memory: {error}") from error
 
 
 def _digest(images: np.ndarray, text: str) -> str:

@@ -1,4 +1,9 @@
-"""Expert demonstrations: collect, save, load, verify."""
+"""Expert demonstrations: collect, save, load, verify.
+
+A set is a folder of one file an episode and a manifest, which is written last and names every file with its
+SHA-256. A file's name holds the beginning of its sum, so that a new set never writes over an old one's files: until
+its manifest is there, the old set is whole.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,13 @@ import dataclasses
 import hashlib
 import io
 import json
+import math
 import os
-import zipfile
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn, overload
 
 import cv2
 import numpy as np
@@ -24,10 +31,13 @@ from gem_lite.tabletop.cameras import Camera, View
 from gem_lite.tabletop.gripper import GripperState
 from gem_lite.tabletop.tasks import ExpertAction
 from gem_lite.tabletop.world import Observation, World
+from gem_lite.tabletop.worlds import WORLDS
 
-SCHEMA = 2
+SCHEMA = 3
 DEPTH_UNIT = 1e-4
 """Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
+_EPISODE_FILE = re.compile(r"episode-\d{4,}-[0-9a-f]{12}\.npz")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 @dataclass(frozen=True)
@@ -47,12 +57,57 @@ class DemonstrationStep:
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One expert episode."""
+    """One expert episode; ``world`` names the looks of the world it was played in."""
 
     task: str
     split: str
     seed: int
     steps: tuple[DemonstrationStep, ...]
+    world: str = "home"
+
+
+class DemonstrationSet(Sequence[Demonstration]):
+    """The demonstrations of a folder. Each is read when it is asked for, and not kept.
+
+    A slice is such a set, too. An episode whose file has gone or changed since `load` raises what `load` raises.
+
+    Attributes:
+        folder: where the files are.
+        files: their names and SHA-256 sums, in the order of the episodes.
+    """
+
+    def __init__(self, folder: Path, files: Mapping[str, str]) -> None:
+        self.folder = folder
+        self.files = dict(files)
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @overload
+    def __getitem__(self, index: int) -> Demonstration: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> DemonstrationSet: ...
+
+    def __getitem__(self, index: int | slice) -> Demonstration | DemonstrationSet:
+        """An episode, or the set of several. Raises ValueError if a slice holds none."""
+        chosen = list(self.files.items())[index]
+        if isinstance(index, slice):
+            if not chosen:
+                raise ValueError(
+                    f"the episodes [{index.start}:{index.stop}:{index.step}] of {self.folder} are none: "
+                    f"it holds {len(self)}, and at least 1 is needed"
+                )
+            return DemonstrationSet(self.folder, dict(chosen))
+        name, digest = chosen
+        path = self.folder / name
+        content = _verified(path, digest)
+        try:
+            return _decode(content)
+        except Exception as error:  # A file that another program wrote can be wrong in any way.
+            raise ValueError(
+                f"the demonstration {path} lacks a part or has a wrong one: {type(error).__name__}: {error}"
+            ) from error
 
 
 def _quantized(observation: Observation) -> Observation:
@@ -98,33 +153,56 @@ def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> De
 
 
 def collect(
-    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0
-) -> list[Demonstration]:
-    """Collect ``episodes`` successful expert episodes and save them; an episode that fails is skipped.
+    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home"
+) -> DemonstrationSet:
+    """Collect ``episodes`` successful expert episodes; an episode that fails is skipped.
+
+    Each episode is saved at once. If ``folder`` holds the beginning of the same collection, its episodes are kept
+    and the rest is added; if it holds more than ``episodes``, the first of them are returned and nothing is changed.
+
+    Args:
+        start: the index in the split of the first episode to try.
+        world: how the world looks, one of `gem_lite.tabletop.worlds.WORLDS`.
 
     Raises:
-        ValueError: unknown task or split, or ``episodes`` below 1.
+        ValueError: unknown task, split or world, ``episodes`` below 1, or ``folder`` holds another set.
         RuntimeError: the expert failed in more than half of the episodes tried, and 20 of them.
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
+    if world not in WORLDS:
+        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
     tasks.make(task_name, split)
-    found: list[Demonstration] = []
+    folder = Path(folder)
+    facts = {"task": task_name, "split": split, "world": world, "start": start}
+    files: dict[str, str] = {}
     index = start
-    with World() as world, tqdm(total=episodes, desc=f"{task_name} ({split})", unit="episode") as bar:
-        while len(found) < episodes:
-            demonstration = roll_out(world, task_name, split, index)
+    if (folder / "manifest.json").exists():
+        files, index = _begun(folder, facts)
+    label = f"{task_name} ({split})"
+    with World(style=WORLDS[world]) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
+        while len(files) < episodes:
+            demonstration = dataclasses.replace(roll_out(table, task_name, split, index), world=world)
             index += 1
             if sum(step.reward for step in demonstration.steps) > 0.99:
-                found.append(demonstration)
+                files |= _write_episode(folder, len(files), demonstration)
+                _write_manifest(folder, {**facts, "next": index}, files)
                 bar.update()
             else:
                 bar.write(f"episode {index - 1}: the expert failed, skipped")
-                failed = index - start - len(found)
-                if failed >= 20 and failed > len(found):
+                failed = index - start - len(files)
+                if failed >= 20 and failed > len(files):
                     raise RuntimeError(f"the expert failed in {failed} of {index - start} episodes of {task_name}")
-    save(found, folder)
-    return found
+    return load(folder)[:episodes]
+
+
+def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
+    """The files of a collection that was stopped, and the index of the next episode to try."""
+    manifest = read_manifest(folder)
+    there = {name: manifest.get(name) for name in facts}
+    if there != facts:
+        raise ValueError(f"{folder} holds another set ({there}, not {facts}): give another folder, or remove it")
+    return load(folder).files, manifest["next"]
 
 
 def _png(image: np.ndarray) -> np.ndarray:
@@ -146,7 +224,7 @@ def _encode(demonstration: Demonstration) -> bytes:
             "reward": step.reward,
             "cameras": [dataclasses.asdict(view.camera) for view in step.observation.views],
         })  # fmt: skip
-    meta = {"task": demonstration.task, "split": demonstration.split, "seed": demonstration.seed, "steps": steps}
+    meta = {name: getattr(demonstration, name) for name in ("task", "split", "seed", "world")} | {"steps": steps}
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
@@ -155,28 +233,80 @@ def _encode(demonstration: Demonstration) -> bytes:
 
 def _decode(content: bytes) -> Demonstration:
     arrays = np.load(io.BytesIO(content))
-    meta = json.loads(arrays["meta"].tobytes())
-    steps = []
-    for i, step in enumerate(meta["steps"]):
-        views = []
-        for j, camera in enumerate(step["cameras"]):
-            camera = Camera(**{key: tuple(v) if isinstance(v, list) else v for key, v in camera.items()})
-            rgb = cv2.imdecode(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
-            depth = cv2.imdecode(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
-            views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
-        expert, action = step["expert"], step["expert"]["action"]
-        expert = ExpertAction(
-            Action(Pose2(**action["pick"]), Pose2(**action["place"])),
-            expert["pick_symmetry"],
-            expert["place_symmetry"],
-        )
-        steps.append(
-            DemonstrationStep(
-                Observation(tuple(views)), step["instruction"], language.Phrases(**step["phrases"]), expert,
-                _unpack(arrays[f"trace-{i}"]), step["reward"],
-            )
-        )  # fmt: skip
-    return Demonstration(meta["task"], meta["split"], meta["seed"], tuple(steps))
+    meta = read_json(arrays["meta"].tobytes(), "its description")
+    return Demonstration(
+        _text(meta["task"]), _text(meta["split"]), _whole_number(meta["seed"]),
+        tuple(_decode_step(step, i, arrays) for i, step in enumerate(meta["steps"])), _text(meta["world"]),
+    )  # fmt: skip
+
+
+def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> DemonstrationStep:
+    views = []
+    for j, camera in enumerate(step["cameras"]):
+        rgb = cv2.imdecode(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
+        depth = cv2.imdecode(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
+        camera = Camera(**{name: _tuples(value) for name, value in camera.items()})
+        views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
+    expert = step["expert"]
+    pick, place = (Pose2(**{k: _number(v) for k, v in expert["action"][end].items()}) for end in ("pick", "place"))
+    trace = arrays[f"trace-{i}"]
+    if trace.dtype != np.float32 or trace.ndim != 2 or trace.shape[1] != 4 or not np.isfinite(trace).all():
+        raise ValueError(f"the trace of step {i} must be finite (T, 4) float32, got {trace.shape} {trace.dtype}")
+    return DemonstrationStep(
+        Observation(tuple(views)),
+        _text(step["instruction"]),
+        language.Phrases(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
+        ExpertAction(Action(pick, place), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])),
+        _unpack(trace),
+        _number(step["reward"]),
+    )
+
+
+def _tuples(value: object) -> object:
+    """JSON's lists as tuples, at every depth; the numbers in them must be finite."""
+    if isinstance(value, list):
+        return tuple(_tuples(part) for part in value)
+    return value if isinstance(value, str) else _number(value)
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"a text is needed, got {value!r}")
+    return value
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"a finite number is needed, got {value!r}")
+    return value
+
+
+def _whole_number(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"a whole number from 0 on is needed, got {value!r}")
+    return value
+
+
+def read_json(content: bytes | str, name: object) -> dict:
+    """A JSON object from a file's content.
+
+    Args:
+        name: what the content is, for the error.
+
+    Raises:
+        ValueError: cut off, no JSON, no object, or a number in it is not finite.
+    """
+
+    def refuse(constant: str) -> NoReturn:
+        raise ValueError(f"{constant} is no JSON number")
+
+    try:
+        found = json.loads(content, parse_constant=refuse)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{name} is cut off or no JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"{name} must hold a JSON object, got {type(found).__name__}")
+    return found
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -200,16 +330,39 @@ def write_together(contents: dict[Path, bytes]) -> None:
 
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
-    """Write one file an episode and, last, the manifest with their SHA-256 sums."""
+    """Write a set; one that is in ``folder`` already stays whole until the new one is, and then goes.
+
+    Raises:
+        ValueError: no demonstrations, or of several tasks, splits or worlds.
+    """
     if not demonstrations:
         raise ValueError("demonstrations is empty: there is nothing to save")
-    files = {}
+    folder = Path(folder)
+    files: dict[str, str] = {}
+    facts: dict[str, str] = {}
     for number, demonstration in enumerate(demonstrations):
-        content = _encode(demonstration)
-        name = f"episode-{number:04d}.npz"
-        write_whole(folder / name, content)
-        files[name] = hashlib.sha256(content).hexdigest()
-    manifest = {"schema": SCHEMA, "task": demonstrations[0].task, "split": demonstrations[0].split, "files": files}
+        present = {name: getattr(demonstration, name) for name in ("task", "split", "world")}
+        facts = facts or present
+        if present != facts:
+            raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {present}")
+        files |= _write_episode(folder, number, demonstration)
+    _write_manifest(folder, facts, files)
+    for path in folder.glob("episode-*.npz"):
+        if path.name not in files:
+            path.unlink()
+
+
+def _write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
+    """Write an episode's file; returns its name and its SHA-256."""
+    content = _encode(demonstration)
+    digest = hashlib.sha256(content).hexdigest()
+    name = f"episode-{number:04d}-{digest[:12]}.npz"
+    write_whole(folder / name, content)
+    return {name: digest}
+
+
+def _write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
+    manifest = {"schema": SCHEMA, **facts, "files": files}
     write_whole(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
 
 
@@ -218,44 +371,61 @@ def read_manifest(folder: Path) -> dict:
     path = Path(folder) / "manifest.json"
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no demonstrations: there is no manifest.json in it")
-    try:
-        manifest = json.loads(path.read_text())
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is cut off or no JSON: {error}") from error
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        found = manifest.get("schema") if isinstance(manifest, dict) else manifest
-        raise ValueError(f"{path} has schema {found!r}; this version reads schema {SCHEMA}: collect the set again")
-    if not isinstance(manifest.get("files"), dict):
+    manifest = read_json(path.read_bytes(), path)
+    if manifest.get("schema") != SCHEMA:
+        raise ValueError(
+            f"{path} has schema {manifest.get('schema')!r}; this version reads schema {SCHEMA}: remove the set and "
+            "collect it again"
+        )
+    files = manifest.get("files")
+    if not isinstance(files, dict) or not files:
         raise ValueError(f"{path} lists no files: it is not a whole manifest")
+    for name, digest in files.items():
+        # A name with a folder in it would lead out of the set.
+        if not _EPISODE_FILE.fullmatch(name) or not isinstance(digest, str) or not _SHA256.fullmatch(digest):
+            raise ValueError(f"{path} lists {name!r} with the sum {digest!r}: that is no file of a set")
+    try:
+        for name in ("task", "split", "world"):
+            _text(manifest.get(name))
+        for name in {"start", "next"} & manifest.keys():
+            _whole_number(manifest[name])
+    except ValueError as error:
+        raise ValueError(f"{path} has a wrong {name}: {error}") from error
+    if ("start" in manifest) != ("next" in manifest):
+        raise ValueError(f"{path} has one of start and next, and not the other")
     return manifest
 
 
 def data_hash(folder: Path, episodes: int | None = None) -> str:
-    """One SHA-256 for a set, or for its first ``episodes``, from its manifest."""
-    files = sorted(read_manifest(folder)["files"].items())[:episodes]
+    """One SHA-256 for a set, or for its first ``episodes``, from its manifest. Raises ValueError below 1 episode."""
+    if episodes is not None and episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    files = list(read_manifest(folder)["files"].items())[:episodes]
     return hashlib.sha256(json.dumps(dict(files)).encode()).hexdigest()
 
 
-def load(folder: Path) -> list[Demonstration]:
-    """Load and verify a set.
+def load(folder: Path) -> DemonstrationSet:
+    """Verify the sums of a set's files, one file after the other; episodes are decoded when they are asked for.
 
     Raises:
         FileNotFoundError: the folder, its manifest or one of its episodes is missing.
         ValueError: another schema, or a file that is not what was saved (cut off, edited).
     """
-    folder, found = Path(folder), []
-    for name, digest in read_manifest(folder)["files"].items():
-        path = folder / name
-        if not path.exists():
-            raise FileNotFoundError(f"the demonstration {path} is missing, though the manifest names it")
-        content = path.read_bytes()
-        if hashlib.sha256(content).hexdigest() != digest:
-            raise ValueError(f"the demonstration {path} is cut off or changed: its SHA-256 is not the manifest's")
-        try:
-            found.append(_decode(content))
-        except (KeyError, zipfile.BadZipFile) as error:
-            raise ValueError(f"the demonstration {path} lacks a part: {error}") from error
-    return found
+    folder = Path(folder)
+    files = read_manifest(folder)["files"]
+    for name, digest in files.items():
+        _verified(folder / name, digest)
+    return DemonstrationSet(folder, files)
+
+
+def _verified(path: Path, digest: str) -> bytes:
+    """A file's content, if its SHA-256 is ``digest``."""
+    if not path.exists():
+        raise FileNotFoundError(f"the demonstration {path} is missing, though the manifest names it")
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise ValueError(f"the demonstration {path} is cut off or changed: its SHA-256 is not the manifest's")
+    return content
 
 
 def main() -> None:
@@ -270,17 +440,20 @@ def main() -> None:
     collecting.add_argument("folder", type=Path, help="where to save them")
     collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
     collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
+    collecting.add_argument("--world", default="home", choices=list(WORLDS), help="how it looks (default home)")
     verifying = commands.add_parser("verify", help="load a set and check every file's sum")
     verifying.add_argument("folder", type=Path)
     args = parser.parse_args()
     try:
         if args.command == "collect":
-            found = collect(args.task, args.episodes, args.folder, args.split)
+            found = collect(args.task, args.episodes, args.folder, args.split, world=args.world)
         else:
             found = load(args.folder)
-    except (OSError, ValueError) as error:
+        steps = sum(len(demonstration.steps) for demonstration in tqdm(found, "verifying", unit="episode"))
+    except (OSError, ValueError, RuntimeError) as error:
         parser.exit(2, f"{error}\n")
-    steps = sum(len(demonstration.steps) for demonstration in found)
+    except KeyboardInterrupt:
+        parser.exit(130, f"\nstopped; the same command goes on from the episodes in {args.folder}\n")
     print(f"{args.folder}: {len(found)} episodes, {steps} steps, data hash {data_hash(args.folder)[:12]}")
 
 

@@ -1,22 +1,82 @@
-"""From an instruction to a pick phrase and a place phrase (the noun parser of A.1.6)."""
+"""From an instruction to a pick phrase and a place phrase (the noun parser of A.1.6).
+
+The grammar (``?``: may be missing, ``*``: any number of times, ``|``: or)::
+
+    instruction = OPENING* verb phrase place CLOSING*
+                | OPENING* verb phrase joint verb pronoun? place CLOSING*
+    verb        = VERB PARTICLE?
+    joint       = PARTICLE? ("," | "and" | "then")*      as in "pick the mug up, and then place it"
+    pronoun     = "it" | "them"
+    place       = ","? PLACING phrase
+    phrase      = list LOCATION? | list part?            a part belongs to what is picked, not to the place
+    list        = thing | (thing ",")* thing ","? "and" thing
+    thing       = DETERMINER* word word*                 with "of the ..." and "with ..." among the words
+    part        = "by its ..." | "by their ..." | "by the" PART
+
+Words in capitals are the tuples below. A word of `RESERVED` is never part of a phrase. What the grammar does not
+cover is refused, never guessed: a wrong phrase would send the robot somewhere without a warning.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NoReturn
 
-VERBS = ("pick up", "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", "push")
-PREPOSITIONS = ("on top of", "into", "in", "inside", "onto", "on", "to")
+from gem_lite import colors
+
+VERBS = (
+    "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", "push", "lay", "lift",
+    "bring", "transfer", "insert",
+)  # fmt: skip
+PARTICLES = ("up", "down")
+PLACING = (
+    "on top of", "on the top of", "on to", "onto", "on", "upon", "atop", "down on", "down onto",
+    "inside of", "inside", "in to", "into", "in", "within", "down in", "down into", "over to", "to",
+)  # fmt: skip
+"""Prepositions that say where to place; the longest one that fits is read."""
 EXAMPLE = 'for example "put the red block in the green bowl"'
+OPENINGS = (",", "please", "kindly", "now", "could you", "can you", "would you", "will you")
+CLOSINGS = (",", ".", "!", "?", "please", "now", "for me", "thanks", "thank you")
+LOCATIONS = ("on the left", "on the right", "in the middle")
+"""What may follow a phrase to tell equal things apart."""
+PARTS = (
+    "handle", "grip", "brim", "rim", "body", "middle", "head", "tip", "blade", "edge", "base", "shade", "seat", "legs",
+    "cap", "stem", "tines", "bristles", "neck", "tail",
+)  # fmt: skip
+"""Parts that "by the ..." may name; after "by the", another word could be a thing that stands there."""
+DETERMINERS = ("the", "a", "an", "all", "both", "each", "every", "some", "any", "one", "my", "your", "our")
+ADJECTIVES = frozenset(
+    (*colors.RGB, "azure", "scarlet", "crimson", "emerald", "tangerine", "golden", "violet", "rose", "teal",
+     "turquoise", "chestnut", "snowy", "grey", "black", "jet", "lime", "magenta", "fuchsia", "silver",
+     "light", "lighter", "lightest", "dark", "darker", "darkest", "bright", "left", "right", "top", "bottom", "middle",
+     "front", "back", "small", "smaller", "smallest", "big", "bigger", "biggest", "large", "larger", "largest",
+     "little", "tiny", "long", "short", "tall", "thin", "thick", "round", "striped")
+)  # fmt: skip
+"""Words that name no thing by themselves."""
+_SIDES = ("left", "right", "front", "back", "side", "top")
+"""Before "of", they say that something lies beside another thing."""
+_RELATIONS = (
+    "about", "above", "across", "adjacent", "after", "against", "ahead", "along", "alongside", "among", "around", "at",
+    "before", "behind", "below", "beneath", "beside", "besides", "between", "beyond", "by", "close", "closer", "during",
+    "for", "far", "farther", "from", "further", "near", "nearer", "nearby", "next", "off", "onwards", "opposite", "out",
+    "outside", "over", "parallel", "past", "perpendicular", "since", "through", "till", "touching", "toward",
+    "towards", "under", "underneath", "until", "via", "without",
+)  # fmt: skip
+_OTHERS = (
+    "again", "also", "am", "apart", "are", "as", "aside", "away", "be", "because", "but", "could", "did", "do",
+    "does", "else", "except", "first", "has", "have", "here", "how", "i", "if", "instead", "is", "it", "just", "later",
+    "let", "may", "me", "must", "neither", "never", "no", "nor", "not", "once", "or", "please", "should", "so", "soon",
+    "straight", "than", "thank", "thanks", "that", "them", "then", "there", "these", "they", "this", "those", "though",
+    "times", "today", "together", "tomorrow", "tonight", "too", "twice", "unless", "was", "we", "were", "what", "when",
+    "where", "whether", "which", "while", "who", "will", "would", "yet", "you",
+)  # fmt: skip
+RESERVED = frozenset((*VERBS, *PARTICLES, *(word for word in PLACING if " " not in word), *_RELATIONS, *_OTHERS))
+_NAMES_IN_LY = ("assembly", "belly", "butterfly", "curly", "doily", "dragonfly", "fly", "holly", "jelly", "lolly")
+"""Other words that end so are adverbs: "gently", "carefully"."""
 
-_ARTICLE = re.compile(r"^(?:all )?(?:the |a |an |some |one )?(?:of the )?")
-_VERB = rf"(?:{'|'.join(VERBS)})\b"
-_SECOND_VERB = rf"(?:(?:\s*,|\s+and|\s+then|\s+and then)+\s+{_VERB}(?:\s+(?:it|them))?)?"
-_PATTERN = re.compile(
-    rf"^(?:please,?\s+)?{_VERB}(?P<pick>.*?){_SECOND_VERB}"
-    rf"(?:\s+(?:{'|'.join(PREPOSITIONS)})\b\s*(?P<place>.*))?$"
-)
-_PART = re.compile(r"^(?P<whole>.+?) by (?:its|the|their) (?P<part>.+)$")
+_TOKEN = re.compile(r"[^\W_]+(?:['’&-][^\W_]+)*|\S")
 
 
 @dataclass(frozen=True)
@@ -34,25 +94,177 @@ def parse(instruction: str) -> Phrases:
     its handle and place into the brown box" gives "scissors handle" and "brown box".
 
     Raises:
-        ValueError: the instruction is empty, starts with no known verb, or names no pick or no place.
+        ValueError: the instruction is empty, starts with no known verb, names no pick or no place, or has words
+            that the grammar does not cover: a second clause, "from ... to ...", "next to ...", "gently".
     """
     if not isinstance(instruction, str) or not instruction.strip():
         raise ValueError(f"the instruction is empty; say what to pick and where to place it, {EXAMPLE}")
-    text = re.sub(r"\s+", " ", instruction.strip().lower()).rstrip(".!? ")
-    match = _PATTERN.match(text)
-    if match is None:
-        raise ValueError(
-            f"the instruction {instruction!r} does not begin with a known verb ({', '.join(VERBS)}); {EXAMPLE}"
-        )
-    pick, place = _noun(match["pick"]), _noun(match["place"] or "")
-    if not pick:
-        raise ValueError(f"the instruction {instruction!r} names nothing to pick; {EXAMPLE}")
-    if not place:
-        raise ValueError(f"the instruction {instruction!r} names no place; {EXAMPLE}")
-    return Phrases(pick, place)
+    return _Reader(instruction).phrases()
 
 
-def _noun(text: str) -> str:
-    text = _ARTICLE.sub("", f"{text.strip(' ,')} ").strip()
-    part = _PART.match(text)
-    return f"{part['whole']} {part['part']}" if part else text
+def conjuncts(phrase: str) -> tuple[str, ...]:
+    """The things that a phrase joins by "and", each in full and without its article.
+
+    "green and blue blocks" gives "green blocks" and "blue blocks"; "red block and the blue mug" gives "red block"
+    and "blue mug". A noun is shared only by members that are adjectives alone (`ADJECTIVES`). A phrase without
+    "and" is its own only member. A name such as "salt and pepper" counts as two things.
+
+    Raises:
+        ValueError: the phrase is empty, or "and" or a comma joins nothing.
+    """
+    if "and" not in phrase.lower().split() and phrase.strip():
+        return (phrase,)
+    text = " ".join(_TOKEN.findall(phrase.lower())).replace(" , and ", " and ")
+    members = [_without_determiner(part.split()) for part in re.split(r" and | , ", f" {text} ")]
+    if not all(members):
+        raise ValueError(f"phrase must name a thing on both sides of 'and', got {phrase!r}")
+    noun = members[-1]
+    while noun and noun[0] in ADJECTIVES:
+        noun = noun[1:]
+    shared = noun if len(noun) < len(members[-1]) else []
+    full = [member + shared if _adjectives_alone(member) else member for member in members[:-1]]
+    return tuple(" ".join(member) for member in [*full, members[-1]])
+
+
+def _without_determiner(words: list[str]) -> list[str]:
+    """The words of a thing from its first word on that says what it is."""
+    start = 0
+    while start < len(words) and (words[start] in DETERMINERS or (start and words[start] == "of")):
+        start += 1
+    return words[start:]
+
+
+def _adjectives_alone(words: list[str]) -> bool:
+    return all(word in ADJECTIVES for word in words)
+
+
+class _Reader:
+    """Reads an instruction from left to right; ``at`` is the next word's index."""
+
+    def __init__(self, instruction: str) -> None:
+        self.instruction = instruction
+        self.words = _TOKEN.findall(instruction.lower())
+        self.at = 0
+        while closing := next((c for c in CLOSINGS if self.words[-len(c.split()) :] == c.split()), None):
+            del self.words[-len(closing.split()) :]
+
+    def phrases(self) -> Phrases:
+        """The rule ``instruction``."""
+        while self.accept(OPENINGS):
+            pass
+        if not self.accept(VERBS):
+            self.refuse(f"does not begin with a known verb ({', '.join(VERBS)})")
+        self.accept(PARTICLES)
+        pick = self.phrase() + self.part()
+        end_of_joint = self.joint(self.at)
+        if not pick:
+            if not end_of_joint and not self.fits(PLACING):
+                self.refuse_rest()
+            self.refuse("names nothing to pick")
+        if end_of_joint:
+            self.at = end_of_joint
+            self.accept(PARTICLES)
+            self.accept(("it", "them"))
+            self.accept(PARTICLES)
+        self.accept((",",))
+        if not self.accept(PLACING):
+            self.refuse_rest()
+            self.refuse("names no place")
+        place = self.phrase()
+        self.refuse_rest()
+        if not place:
+            self.refuse("names no place")
+        return Phrases(" ".join(pick).replace(" ,", ","), " ".join(place).replace(" ,", ","))
+
+    def phrase(self) -> list[str]:
+        """The rules ``list`` and ``LOCATION``: the words of a phrase, without its determiner."""
+        start = self.at
+        thing = start  # where the present member of the list begins
+        while self.at < len(self.words) and not self.stops(start, thing):
+            if self.words[self.at] in ("and", ","):
+                thing = self.at + 1
+            self.at += 1
+        words = _without_determiner(self.words[start : self.at])
+        if "," in words and "and" not in words[words.index(",") :]:
+            self.at = start + self.words[start:].index(",")
+            self.refuse_rest()
+        if all(word in _SIDES for word in words):
+            return []
+        if words[-1] in ("left", "right", "back"):  # "put the chair back in the box": which of two meanings?
+            self.at -= 1
+            self.refuse_rest()
+        return words + self.location()
+
+    def stops(self, start: int, thing: int) -> bool:
+        """Whether the next word does not belong to a phrase that began at ``start``."""
+        word = self.words[self.at]
+        before = self.words[self.at - 1] if self.at > start else ""
+        after = self.words[self.at + 1] if self.at + 1 < len(self.words) else ""
+        if before == "letter" and len(word) == 1:
+            return not word.isalnum()
+        if word in ("and", ","):
+            member = _without_determiner(self.words[thing : self.at])
+            # Another word could be a verb that is not known here: "and leave".
+            begins = after == "and" or after in (*DETERMINERS, *ADJECTIVES) or _adjectives_alone(member)
+            return not (member and begins) or self.joint(self.at) > 0
+        if word in DETERMINERS:
+            return bool(before) and before not in ("of", "and", ",", *DETERMINERS) and word != "one"
+        if word == "of":
+            return not before or before in _SIDES or not after
+        if word == "with":
+            return not before or not after or after in DETERMINERS
+        adverb = word.endswith("ly") and word not in _NAMES_IN_LY
+        return word in RESERVED or adverb or not word[0].isalnum()
+
+    def location(self) -> list[str]:
+        """The rule ``LOCATION``, if the words after it do not go on with the same thing."""
+        start = self.at
+        location = self.accept(LOCATIONS)
+        ends = self.at == len(self.words) or self.words[self.at] == "," or self.joint(self.at)
+        if ends or self.fits(PLACING):
+            return location.split()
+        self.at = start
+        return []
+
+    def part(self) -> list[str]:
+        """The rule ``part``: the words of the part alone."""
+        start = self.at
+        owner = self.accept(("by its", "by their", "by the"))
+        if not owner:
+            return []
+        words = self.phrase()
+        if words and "and" not in self.words[: self.at] and (owner != "by the" or words[-1] in PARTS):
+            return words
+        self.at = start
+        return []
+
+    def joint(self, start: int) -> int:
+        """The rules ``joint`` and ``verb``: where they end that begin at ``start``, 0 if none does."""
+        at = start
+        if self.words[at : at + 1] and self.words[at] in PARTICLES:
+            at += 1
+        joined = at
+        while at < len(self.words) and self.words[at] in (",", "and", "then"):
+            at += 1
+        return at + 1 if joined < at < len(self.words) and self.words[at] in VERBS else 0
+
+    def fits(self, options: Iterable[str]) -> str:
+        """The longest of ``options`` that the next words are, or ""."""
+        fitting = [o for o in options if self.words[self.at : self.at + len(o.split())] == o.split()]
+        return max(fitting, key=len, default="")
+
+    def accept(self, options: Iterable[str]) -> str:
+        """`fits`, and go on after it."""
+        option = self.fits(options)
+        self.at += len(option.split())
+        return option
+
+    def refuse_rest(self) -> None:
+        """Raises ValueError if words are left."""
+        if self.at < len(self.words):
+            rest = " ".join(self.words[self.at :]).replace(" ,", ",")
+            self.refuse(f"has leftover words {rest!r} that are not understood; say one pick and one place")
+
+    def refuse(self, reason: str) -> NoReturn:
+        """Raises ValueError with the instruction, the reason and an example."""
+        raise ValueError(f"the instruction {self.instruction!r} {reason}; {EXAMPLE}")

@@ -56,4 +56,4 @@ def stage(world):
 def demo_set(tmp_path_factory):
     """(folder, demonstrations): two saved expert episodes. Copy the folder before damaging it."""
     folder = tmp_path_factory.mktemp("demos") / "bowl-2"
-    return folder, demonstrations.collect("put-block-in-bowl-seen-colors", 2, folder)
+    return folder, list(demonstrations.collect("put-block-in-bowl-seen-colors", 2, folder))

@@ -77,6 +77,21 @@ def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
         clip_crops.rendered_crops(tmp_path, 1, seed=82)
 
 
+def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, monkeypatch):
+    rendered = []
+
+    def render_crops(scenes, seed, kind):
+        rendered.append(kind)
+        return Crops(*(np.array([len(rendered)]) for _ in range(5)))
+
+    monkeypatch.setattr(clip_crops, "render_crops", render_crops)
+    kinds = ["training", "sorting", "training", "sorting"]
+    found = [int(clip_crops.rendered_crops(tmp_path, 1, seed=81, kind=kind).images[0]) for kind in kinds]
+    assert found == [1, 2, 1, 2] and rendered == ["training", "sorting"]
+    monkeypatch.setattr(clip_crops, "CAMERAS", clip_crops.CAMERAS[::-1])  # other pictures of the same scenes
+    assert clip_crops.rendered_crops(tmp_path, 1, seed=81).images[0] == 3
+
+
 def test_accuracy_counts_what_it_says(model):
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
     crops = clip_crops.render_crops(2, seed=79, kind="test")

@@ -353,3 +353,15 @@ def test_a_query_of_another_shape_is_refused(memory, model):
 def test_a_threshold_that_is_no_cosine_is_refused(memory, model, threshold):
     with pytest.raises(ValueError, match=r"threshold must be a cosine in \[-1, 1\], got "):
         memory.retrieve(model.embed_texts(["red block"])[0], threshold)
+
+
+@pytest.mark.parametrize("episode", [-1, 2**63, True, 1.0, "0", None])
+def test_an_episode_that_is_no_number_is_refused(episode):
+    with pytest.raises(ValueError, match="episode must be a number from 0 on"):
+        CropEntry("red block", picture(0), episode)
+
+
+@pytest.mark.parametrize("labels", [None, [], [3], [{"phrase": "red block"}], [{"phrase": 3, "episode": 0}]])
+def test_labels_that_pack_never_made_are_refused(model, labels):
+    with pytest.raises(ValueError, match=r"labels? must|phrase must"):
+        CropMemory.unpack(np.stack([picture(0)]), labels, model)

@@ -1,16 +1,19 @@
 import dataclasses
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
+import tracemalloc
+from collections import deque
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gem_lite import demonstrations, language
-from gem_lite.demonstrations import collect, data_hash, load, read_manifest, save, write_whole
+from gem_lite.demonstrations import DemonstrationSet, collect, data_hash, load, read_manifest, save, write_whole
 from gem_lite.tabletop import tasks
 
 TASK = "put-block-in-bowl-seen-colors"
@@ -34,17 +37,29 @@ def assert_same(a, b):
             assert right.rgb.dtype == np.uint8 and right.depth.dtype == np.float32
 
 
+def episode_file(folder, number):
+    return next(folder.glob(f"episode-{number:04d}-*.npz"))
+
+
+def reseal(folder, number, content):
+    """Put ``content`` in an episode's place, with its right sum: as another program would have saved it."""
+    files = list(read_manifest(folder)["files"].items())
+    digest = hashlib.sha256(content).hexdigest()
+    files[number] = (f"episode-{number:04d}-{digest[:12]}.npz", digest)
+    (folder / files[number][0]).write_bytes(content)
+    change_manifest(folder, files=dict(files))
+
+
 def change_manifest(folder, **changes):
     path = folder / "manifest.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
-def test_what_was_collected_is_loaded(demo_set):
-    folder, collected = demo_set
-    loaded = load(folder)
-    assert len(loaded) == len(collected) == 2
-    for a, b in zip(collected, loaded, strict=True):
-        assert_same(a, b)
+def test_what_was_collected_is_loaded(demo_set, world):
+    loaded = load(demo_set[0])
+    assert len(loaded) == 2
+    for index, demonstration in enumerate(loaded):
+        assert_same(demonstrations.roll_out(world, TASK, "train", index), demonstration)
 
 
 def test_loading_and_saving_again_changes_nothing(demo_set, tmp_path):
@@ -81,7 +96,7 @@ def test_the_same_seeds_give_the_same_hash(demo_set, tmp_path):
 def test_an_episode_does_not_depend_on_those_before_it(demo_set, tmp_path):
     seed = demo_set[1][1].seed
     collect(TASK, 1, tmp_path, start=seed)
-    assert (tmp_path / "episode-0000.npz").read_bytes() == (demo_set[0] / "episode-0001.npz").read_bytes()
+    assert episode_file(tmp_path, 0).read_bytes() == episode_file(demo_set[0], 1).read_bytes()
     assert data_hash(tmp_path) != data_hash(demo_set[0])
 
 
@@ -93,24 +108,24 @@ def test_collect_refuses_before_it_writes(tmp_path, name, episodes):
 
 
 def test_cut_off_episode(copied):
-    path = copied / "episode-0001.npz"
+    path = episode_file(copied, 1)
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"episode-0001\.npz is cut off or changed"):
+    with pytest.raises(ValueError, match=r"episode-0001-\w+\.npz is cut off or changed"):
         load(copied)
 
 
 def test_edited_episode(copied):
-    path = copied / "episode-0000.npz"
+    path = episode_file(copied, 0)
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1  # a single bit
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"episode-0000\.npz is cut off or changed"):
+    with pytest.raises(ValueError, match=r"episode-0000-\w+\.npz is cut off or changed"):
         load(copied)
 
 
 def test_missing_episode(copied):
-    (copied / "episode-0001.npz").unlink()
-    with pytest.raises(FileNotFoundError, match=r"episode-0001\.npz is missing"):
+    episode_file(copied, 1).unlink()
+    with pytest.raises(FileNotFoundError, match=r"episode-0001-\w+\.npz is missing"):
         load(copied)
 
 
@@ -127,7 +142,7 @@ def test_missing_folder(tmp_path):
 
 def test_wrong_schema(copied):
     change_manifest(copied, schema=99)
-    with pytest.raises(ValueError, match="schema 99; this version reads schema 2: collect"):
+    with pytest.raises(ValueError, match="schema 99; this version reads schema 3: remove the set and collect"):
         load(copied)
 
 
@@ -140,21 +155,257 @@ def test_cut_off_manifest(copied):
 
 @pytest.mark.parametrize("part", ["depth-0-2", "trace-0", "meta"])
 def test_episode_that_lacks_a_part(copied, part):
-    # Its sum is right, so it was saved like this, by another program perhaps.
-    path = copied / "episode-0000.npz"
-    with np.load(path) as arrays:
-        np.savez(path, **{name: arrays[name] for name in arrays.files if name != part})
-    files = read_manifest(copied)["files"] | {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
-    change_manifest(copied, files=files)
-    with pytest.raises(ValueError, match=r"episode-0000\.npz lacks a part"):
-        load(copied)
+    with np.load(episode_file(copied, 0)) as arrays:
+        np.savez(copied / "other.npz", **{name: arrays[name] for name in arrays.files if name != part})
+    reseal(copied, 0, (copied / "other.npz").read_bytes())
+    with pytest.raises(ValueError, match=r"episode-0000-\w+\.npz lacks a part"):
+        load(copied)[0]
+    assert load(copied)[1].task == TASK
 
 
-@pytest.mark.parametrize("content", ['{"schema": 2}', "[]"])
+def with_changed_description(folder, number, change):
+    with np.load(episode_file(folder, number)) as arrays:
+        parts = dict(arrays)
+    meta = json.loads(parts["meta"].tobytes())
+    change(meta)
+    parts["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    np.savez(folder / "other.npz", **parts)
+    reseal(folder, number, (folder / "other.npz").read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda meta: meta["steps"][0].update(reward=float("nan")), "NaN is no JSON number"),
+        (lambda meta: meta["steps"][0].update(reward="1.0"), "a finite number is needed, got '1.0'"),
+        (lambda meta: meta["steps"][0]["expert"]["action"]["pick"].update(x=None), "a finite number is needed"),
+        (lambda meta: meta["steps"][0].update(instruction=[]), r"a text is needed, got \[\]"),
+        (lambda meta: meta["steps"][0]["cameras"][0].update(size=[8, 8]), "uint8 of shape"),
+        (lambda meta: meta.update(seed=-1), "a whole number from 0 on"),
+        (lambda meta: meta.update(steps=3), "TypeError"),
+    ],
+)
+def test_a_wrong_value_in_an_episode_is_refused(copied, change, message):
+    with_changed_description(copied, 0, change)
+    with pytest.raises(ValueError, match=message):
+        load(copied)[0]
+
+
+def test_nested_lists_become_nested_tuples():
+    camera = {"name": "front", "pose": [[1, 0.5], [0, 1]], "size": [480, 640], "far": 10.0}
+    found = {name: demonstrations._tuples(value) for name, value in camera.items()}
+    assert found == {"name": "front", "pose": ((1, 0.5), (0, 1)), "size": (480, 640), "far": 10.0}
+    with pytest.raises(ValueError, match="finite"):
+        demonstrations._tuples([[1.0, float("inf")]])
+
+
+@pytest.mark.parametrize("content", ['{"schema": 3}', '{"schema": 3, "files": {}}', "[]", "", "\0", '{"schema": NaN}'])
 def test_manifest_of_another_shape(copied, content):
     (copied / "manifest.json").write_text(content)
     with pytest.raises(ValueError, match=r"manifest\.json"):
         load(copied)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"files": {"../../outside.npz": "0" * 64}},
+        {"files": {"episode-0000-0123456789ab.npz": 3}},
+        {"task": 3},
+        {"world": None},
+        {"next": "7"},
+        {"start": -1},
+        {"start": True},
+    ],
+)
+def test_a_manifest_with_a_wrong_value_is_refused(copied, changes):
+    change_manifest(copied, **changes)
+    with pytest.raises(ValueError, match=r"manifest\.json (lists|has a wrong)"):
+        load(copied)
+
+
+def stop_at_write(monkeypatch, number, error):
+    """From write or removal ``number`` on, counted from 0, nothing reaches the disk and ``error`` is raised."""
+    calls = []
+
+    def counted(honest):
+        def call(*args, **kwargs):
+            calls.append(args)
+            if len(calls) > number:
+                if isinstance(args[-1], bytes):
+                    honest(args[0], args[-1][: len(args[-1]) // 2])  # a half-written file
+                raise error
+            return honest(*args, **kwargs)
+
+        return call
+
+    monkeypatch.setattr(Path, "write_bytes", counted(Path.write_bytes))
+    monkeypatch.setattr(os, "replace", counted(os.replace))
+    return calls
+
+
+@pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()], ids=["full disk", "kill"])
+def test_a_stopped_save_loses_nothing(copied, demo_set, monkeypatch, error):
+    """Two demonstrations are replaced by one other, stopped at each of its writes and renames in turn."""
+    old, new = data_hash(copied), [dataclasses.replace(demo_set[1][1], seed=7)]
+    with monkeypatch.context() as patch:
+        writes = stop_at_write(patch, 1000, error)
+        save(new, copied.parent / "counted")
+    assert len(writes) == 4  # episode and manifest, each written and renamed
+    for number in range(len(writes)):
+        with monkeypatch.context() as patch:
+            stop_at_write(patch, number, error)
+            with pytest.raises(type(error)):
+                save(new, copied)
+        assert data_hash(copied) == old
+        assert [demonstration.seed for demonstration in load(copied)] == [0, 1]
+    save(new, copied)
+    assert [demonstration.seed for demonstration in load(copied)] == [7]
+    assert len(list(copied.glob("*.npz"))) == 1, "the old set's files go when the new set is whole"
+
+
+def test_a_save_that_cannot_remove_the_old_files_leaves_the_new_set_whole(copied, demo_set, monkeypatch):
+    def denied(*args, **kwargs):
+        raise PermissionError("denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", denied)
+        with pytest.raises(PermissionError):
+            save(demo_set[1][1:], copied)
+    assert [demonstration.seed for demonstration in load(copied)] == [1]
+
+
+def test_save_refuses_a_mixture_and_keeps_the_old_set(copied, demo_set):
+    old = data_hash(copied)
+    mixed = [demo_set[1][0], dataclasses.replace(demo_set[1][1], world="elsewhere")]
+    with pytest.raises(ValueError, match="one task, split and world"):
+        save(mixed, copied)
+    assert data_hash(copied) == old and len(load(copied)) == 2
+
+
+def test_a_slice_is_lazy_and_an_empty_one_is_refused(copied):
+    both = load(copied)
+    second = both[1:]
+    assert isinstance(second, DemonstrationSet) and len(second) == 1
+    assert second[0].seed == both[-1].seed == 1
+    assert [demonstration.seed for demonstration in both[::-1]] == [1, 0]
+    assert len(both[:100]) == 2
+    episode_file(copied, 0).unlink()
+    assert second[0].seed == 1, "a slice reads only its own files"
+    with pytest.raises(FileNotFoundError, match=r"episode-0000-\w+\.npz is missing"):
+        both[0]
+    for empty in (slice(0, 0), slice(5, None)):
+        with pytest.raises(ValueError, match=r"are none: it holds 2, and at least 1 is needed"):
+            both[empty]
+    with pytest.raises(IndexError):
+        both[2]
+
+
+@pytest.mark.parametrize("episodes", [0, -1])
+def test_the_hash_of_no_episodes_is_refused(demo_set, episodes):
+    with pytest.raises(ValueError, match=f"episodes must be at least 1, got {episodes}"):
+        data_hash(demo_set[0], episodes)
+
+
+def test_an_episode_that_changes_after_load_is_refused(copied):
+    both = load(copied)
+    episode_file(copied, 1).write_bytes(episode_file(copied, 0).read_bytes())
+    assert both[0].seed == 0
+    with pytest.raises(ValueError, match="cut off or changed"):
+        both[1]
+
+
+def peak_of_reading(folder):
+    """Bytes at most held at once while a set is loaded and gone through twice."""
+    tracemalloc.start()
+    for _ in range(2):
+        deque(load(folder), maxlen=0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_memory_does_not_grow_with_the_number_of_episodes(demo_set, tmp_path):
+    one = demo_set[1][0]
+    save([one] * 2, tmp_path / "few")
+    save([one] * 6, tmp_path / "many")
+    pictures = sum(view.rgb.nbytes + view.depth.nbytes for step in one.steps for view in step.observation.views)
+    few, many = peak_of_reading(tmp_path / "few"), peak_of_reading(tmp_path / "many")
+    assert few > pictures, "what is read must be seen by this measure"
+    assert many < few + 0.5 * pictures
+
+
+def test_a_collection_that_was_stopped_goes_on(demo_set, tmp_path, monkeypatch):
+    """Stopped while the second episode is played, then asked for again: the same set as without the stop."""
+    honest, played = demonstrations.roll_out, []
+
+    def stopped(world, name, split, index):
+        if index == 1:
+            raise KeyboardInterrupt
+        return honest(world, name, split, index)
+
+    def counted(world, name, split, index):
+        played.append(index)
+        return honest(world, name, split, index)
+
+    monkeypatch.setattr(demonstrations, "roll_out", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        collect(TASK, 2, tmp_path)
+    assert [demonstration.seed for demonstration in load(tmp_path)] == [0], "what was played is a whole set"
+    monkeypatch.setattr(demonstrations, "roll_out", counted)
+    assert len(collect(TASK, 2, tmp_path)) == 2
+    assert played == [1]
+    assert data_hash(tmp_path) == data_hash(demo_set[0])
+    assert len(collect(TASK, 1, tmp_path)) == 1
+    assert played == [1] and len(load(tmp_path)) == 2, "a set that holds more is left as it is"
+
+
+def test_a_collection_goes_on_behind_episodes_that_failed(demo_set, tmp_path, monkeypatch):
+    """The third episode fails, and the collection is stopped after it: it is not played again."""
+    shutil.copytree(demo_set[0], tmp_path / "set")
+    good, played = demo_set[1][0], []
+
+    def roll_out(world, name, split, index):
+        played.append(index)
+        if index == 4:
+            raise KeyboardInterrupt
+        failed = tuple(dataclasses.replace(step, reward=0.0) for step in good.steps)
+        return dataclasses.replace(good, seed=index, steps=failed if index == 2 else good.steps)
+
+    monkeypatch.setattr(demonstrations, "roll_out", roll_out)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            collect(TASK, 5, tmp_path / "set")
+    assert [demonstration.seed for demonstration in load(tmp_path / "set")] == [0, 1, 3]
+    assert played == [2, 3, 4, 4]
+
+
+@pytest.mark.parametrize(
+    "arguments", [("bars-in-box", 2), (TASK, 3, "val"), (TASK, 3, "train", 1)], ids=["task", "split", "start"]
+)
+def test_collect_refuses_a_folder_with_another_set(copied, arguments):
+    name, episodes, *rest = arguments
+    before = {path.name: path.read_bytes() for path in copied.iterdir()}
+    with pytest.raises(ValueError, match="holds another set"):
+        collect(name, episodes, copied, *rest)
+    assert {path.name: path.read_bytes() for path in copied.iterdir()} == before
+
+
+def test_a_saved_set_is_not_taken_for_the_beginning_of_a_collection(demo_set, tmp_path):
+    save(demo_set[1], tmp_path)
+    with pytest.raises(ValueError, match="holds another set"):
+        collect(TASK, 3, tmp_path)
+
+
+def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
+    monkeypatch.setitem(demonstrations.WORLDS, "elsewhere", demonstrations.WORLDS["home"])
+    collect(TASK, 1, tmp_path, world="elsewhere")
+    assert read_manifest(tmp_path)["world"] == load(tmp_path)[0].world == "elsewhere"
+    assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"
+    with pytest.raises(ValueError, match="holds another set"):
+        collect(TASK, 2, tmp_path)
+    with pytest.raises(ValueError, match="world must be one of home, elsewhere, got 'mars'"):
+        collect(TASK, 1, tmp_path / "new", world="mars")
 
 
 def test_write_whole_makes_folders_and_leaves_nothing_else(tmp_path):
@@ -195,6 +446,18 @@ def test_verify_says_what_it_found(demo_set, monkeypatch, capsys):
     demonstrations.main()
     steps = sum(len(demonstration.steps) for demonstration in collected)
     assert f"2 episodes, {steps} steps, data hash {data_hash(folder)[:12]}" in capsys.readouterr().out
+
+
+def test_collect_by_command_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    def stopped(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demonstrations, "roll_out", stopped)
+    monkeypatch.setattr(sys, "argv", ["demonstrations", "collect", TASK, str(tmp_path / "new"), "--episodes", "1"])
+    with pytest.raises(SystemExit) as exit_:
+        demonstrations.main()
+    assert exit_.value.code == 130
+    assert f"the same command goes on from the episodes in {tmp_path / 'new'}" in capsys.readouterr().err
 
 
 def test_collect_by_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
