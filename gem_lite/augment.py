@@ -7,20 +7,26 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gem_lite.policy import Sample
+from gem_lite.policy import RGBD, Sample
 from gem_lite.se2 import ImageMotion
 
 TRIES = 100
 
 
-def random_motion(rng: np.random.Generator, shape: tuple[int, int], keep: list[tuple[float, float]]) -> ImageMotion:
+def random_motion(
+    rng: np.random.Generator, shape: tuple[int, int], keep: list[tuple[float, float]], turn: bool = True
+) -> ImageMotion:  # fmt: skip
     """A random turn and shift under which the pixels ``keep`` stay inside; the identity if none is found.
 
     The turn is uniform, the shift normal with a sixth of the map's shorter side.
+
+    Args:
+        turn: whether to turn at all.
     """
     spread = min(shape) / 6
     for _ in range(TRIES):
-        motion = ImageMotion(float(rng.uniform(-np.pi, np.pi)), tuple(rng.normal(0, spread, 2).tolist()))
+        angle = float(rng.uniform(-np.pi, np.pi)) if turn else 0.0
+        motion = ImageMotion(angle, tuple(rng.normal(0, spread, 2).tolist()))
         moved = [motion.move(pixel, shape) for pixel in keep]
         if all(0 <= round(row) < shape[0] and 0 <= round(col) < shape[1] for row, col in moved):
             return motion
@@ -36,6 +42,20 @@ def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
     image = sample.image.clone()
     gain = torch.from_numpy(rng.uniform(0.5, 1.5, 3)).to(image)
     image[:3] = image[rng.permutation(3).tolist()] * gain[:, None, None]
+    return replace(sample, image=image)
+
+
+def rescaled(rng: np.random.Generator, sample: Sample, gain: tuple[float, float], offset: float) -> Sample:
+    """Multiply each of a sample's semantic maps by a random factor in ``gain`` and add at most +-``offset``.
+
+    How strongly a map answers to an object differs between scenes; which object it answers to most does not. So a
+    network must compare a map's answers, and cannot learn a threshold by heart.
+    """
+    image = sample.image.clone()
+    maps = image[RGBD:]  # (M, H, W); M is 0 for methods without semantic maps
+    factor = torch.from_numpy(rng.uniform(*gain, len(maps))).to(image)
+    shift = torch.from_numpy(rng.uniform(-offset, offset, len(maps))).to(image)
+    image[RGBD:] = maps * factor[:, None, None] + shift[:, None, None]
     return replace(sample, image=image)
 
 

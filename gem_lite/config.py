@@ -27,9 +27,19 @@ ABLATIONS = {
     "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
     "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
+    "with-matched-single-view": Ablation(
+        "the same with patches of the height map as wide as the side views' patches are on the table",
+        {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
+    ),
+    "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
+    "without-rotation-augmentation": Ablation("training moves scenes, but does not turn them", {"turn": False}),
+    "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
+    "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
+    "without-empty-spots": Ablation("a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}),
 }
 """Endings of a method's name (A.2). Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel,
-and ``without-recoloring``, since the recolouring is ours."""
+``with-matched-single-view``, a fairer rival of several views, ``keeps-own-crop``, which is what the paper's training
+does (A.3), and the endings that switch off what is ours: recolouring, map scaling, conjuncts, empty spots."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,12 @@ class Config:
         fields: regular fields of the place kernel generator's layers.
         channels: channels that features and kernels share.
         query: side of the baselines' crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
+        turn: whether training turns scenes; it always shifts them.
+        map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain`` and adds up
+            to ``map_offset`` to it or takes it off (`augment.rescaled`).
+        own_crop: whether training may retrieve a crop of the step's own demonstration.
+        conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
+        empty_radius: a pick keeps so far (m) away from where the tool has just grasped nothing.
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`) for methods that
             see colours through CLIP as well.
         joins: at how many levels Transporter-Lan's U-Nets are told the words, from the bottleneck up. The paper's has
@@ -71,7 +87,13 @@ class Config:
     text_weight: float = 0.8
     image_weight: float = 0.2
     drop_image_map: float = 0.3
+    own_crop: bool = False
+    conjuncts: bool = True
+    map_gain: tuple[float, float] = (0.5, 1.2)
+    map_offset: float = 0.1
     recolor: bool = True
+    turn: bool = True
+    empty_radius: float = 0.0125
     rotations: int = 180
     frequency: int = 8
     angles: int = 36

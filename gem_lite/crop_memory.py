@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -16,9 +16,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 
 from gem_lite.demonstrations import Demonstration, write_whole
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop.gripper import GripperState
-from gem_lite.tabletop.heightmap import HeightMap
+from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip
@@ -181,6 +181,21 @@ def collect_crops(
         for (episode, step), heightmap in zip(steps, heightmaps, strict=True)
         for kind, pose in events(step.trace)
     ]
+
+
+def demonstrated_crops(demonstrations: Sequence[Demonstration], workspace: Workspace, side: float) -> list[CropEntry]:
+    """`collect_crops` of demonstrations whose height maps are made here, one episode at a time.
+
+    Raises:
+        ValueError: a ``side`` that `cut` refuses.
+    """
+    entries = []
+    for episode, demonstration in enumerate(demonstrations):
+        heightmaps = [fuse_views(step.observation.views, workspace) for step in demonstration.steps]
+        for crop in collect_crops([demonstration], heightmaps, side):
+            # A copy: what `cut` returns would keep the whole height map.
+            entries.append(replace(crop, image=crop.image.copy(), episode=episode))
+    return entries
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:

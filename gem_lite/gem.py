@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import nn
-from tqdm import tqdm
 
 from gem_lite import language, semantic_map
 from gem_lite.config import Config
-from gem_lite.crop_memory import CropMemory, collect_crops
+from gem_lite.crop_memory import CropMemory, demonstrated_crops
 from gem_lite.demonstrations import Demonstration
 from gem_lite.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.policy import RGBD, Choice, Inputs, PickPlacePolicy, PreparedStep, crop_at, label, numbered_steps, to_rgbd
-from gem_lite.se2 import angle_bins
+from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.semantic_map import SceneEmbedding
 from gem_lite.steerable import SteerableKernel, correlate, sample
 from gem_lite.tabletop.cameras import View
@@ -90,6 +89,16 @@ class PhraseMaps:
     fused: np.ndarray
 
 
+def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
+    """The maps of "X and Y": in each cell the larger of X's and Y's values."""
+    images = [member.image for member in members if member.image is not None]
+    return PhraseMaps(
+        np.maximum.reduce([member.text for member in members]),
+        np.maximum.reduce(images) if images else None,
+        np.maximum.reduce([member.fused for member in members]),
+    )
+
+
 @dataclass(frozen=True)
 class Decision(Choice):
     """Everything on the way from a sentence to an action, for figures.
@@ -132,8 +141,13 @@ class Policy(PickPlacePolicy):
         if self.config.semantic_map == "none":
             ones = np.ones(self.config.workspace.shape, np.float32)
             return PhraseMaps(ones, None, ones)
+        members = language.conjuncts(phrase) if self.config.conjuncts else (phrase,)
+        return joined([self._member_maps(scene, member, exclude_episode) for member in members])
+
+    def _member_maps(self, scene: SceneEmbedding, phrase: str, exclude_episode: int | None) -> PhraseMaps:
         single = self.config.semantic_map == "single-view"
-        text = (semantic_map.single_view_map if single else semantic_map.text_conditioned_map)(scene, phrase, self.clip)
+        text_map = semantic_map.single_view_map if single else semantic_map.text_conditioned_map
+        text = text_map(scene, phrase, self.clip)
         image = semantic_map.image_conditioned_map(scene, phrase, self.clip, self.memory, exclude_episode)
         fused = semantic_map.fuse(text, image, self.config.text_weight, self.config.image_weight)
         return PhraseMaps(text, image, fused)
@@ -150,15 +164,14 @@ class Policy(PickPlacePolicy):
 
     def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
         """See `PickPlacePolicy`; fills ``memory`` with the demonstrations' crops."""
-        steps = numbered_steps(demos)
-        scenes = [self.see(step.observation.views) for _, step in tqdm(steps, desc="semantic maps", unit="scene")]
         if self.config.semantic_map != "none" and self.config.image_weight > 0:
-            heightmaps = [scene.heightmap for scene in scenes]
-            self.memory = CropMemory(collect_crops(demos, heightmaps, self.config.top_patch), self.clip)
+            self.memory = CropMemory(demonstrated_crops(demos, self.config.workspace, self.config.top_patch), self.clip)
         prepared = []
-        for (episode, step), scene in zip(steps, scenes, strict=True):
+        for episode, step in numbered_steps(demos, "semantic maps"):
+            scene = self.see(step.observation.views)
             phrases = self.read(step.instruction)
-            maps = [self.maps(scene, phrase, exclude_episode=episode) for phrase in (phrases.pick, phrases.place)]
+            hidden = None if self.config.own_crop else episode
+            maps = [self.maps(scene, phrase, hidden) for phrase in (phrases.pick, phrases.place)]
             with_image, text_only = (
                 label(step, self._join(scene, [getattr(found, kind) for found in maps], phrases), self.config)
                 for kind in ("fused", "text")
@@ -175,14 +188,14 @@ class Policy(PickPlacePolicy):
         crop = crop_at(inputs.image[:, : RGBD + 1], picks, self.config.crop)
         return self.place(inputs.image[:, :RGBD], inputs.image[:, 5:6], inputs.place_words, crop)
 
-    def decide(self, observation: Observation, instruction: str) -> Decision:
+    def decide(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Decision:
         """`act`, with every intermediate result."""
         phrases = self.read(instruction)
         scene = self.see(observation.views)
         pick, place = self.maps(scene, phrases.pick), self.maps(scene, phrases.place)
         inputs = self._join(scene, [pick.fused, place.fused], phrases)
         return Decision(
-            **vars(self.choose(instruction, phrases, scene.heightmap, inputs)),
+            **vars(self.choose(instruction, phrases, scene.heightmap, inputs, empty_picks)),
             pick_text=pick.text, pick_image=pick.image, pick_map=pick.fused,
             place_text=place.text, place_image=place.image, place_map=place.fused,
         )  # fmt: skip

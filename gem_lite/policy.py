@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 import torch
 from torch import nn
-from tqdm import tqdm
+from tqdm import trange
 
 from gem_lite import language
 from gem_lite.clip import Clip
@@ -122,21 +122,27 @@ def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
     )
 
 
-def numbered_steps(demos: Sequence[Demonstration]) -> list[tuple[int, DemonstrationStep]]:
-    """Every step with the number of its episode.
+def numbered_steps(demos: Sequence[Demonstration], label: str = "scenes") -> Iterator[tuple[int, DemonstrationStep]]:
+    """Every step with the number of its episode, one episode at a time: a large set need not fit into memory.
+
+    Args:
+        label: what the progress bar says.
 
     Raises:
-        ValueError: a step lacks a camera that other steps have.
+        ValueError: a step lacks a camera that another step has.
     """
-    steps = [(episode, step) for episode, demo in enumerate(demos) for step in demo.steps]
-    cameras = [{view.camera.name for view in step.observation.views} for _, step in steps]
-    for (episode, _), seen in zip(steps, cameras, strict=True):
-        if missing := set.union(*cameras) - seen:
-            raise ValueError(
-                f"demonstration {episode} (seed {demos[episode].seed}) has a step without the view of camera "
-                f"{', '.join(sorted(missing))}; leave it out or collect it again"
-            )
-    return steps
+    expected: set[str] = set()
+    for episode in trange(len(demos), desc=label, unit="episode"):
+        for step in demos[episode].steps:
+            cameras = {view.camera.name for view in step.observation.views}
+            expected = expected or cameras
+            if missing := expected ^ cameras:
+                raise ValueError(
+                    f"demonstration {episode} (seed {demos[episode].seed}) has a step that does not agree with the "
+                    f"steps before it: only one of them has a view of camera {', '.join(sorted(missing))}; leave it "
+                    "out or collect it again"
+                )
+            yield episode, step
 
 
 def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
@@ -200,6 +206,17 @@ class PickPlacePolicy(ABC):
             self.pick, self.place = self.build()
 
     @property
+    def device(self) -> torch.device:
+        """Where the policy's networks are."""
+        return next(self.pick.parameters()).device
+
+    def to(self, device: str | torch.device) -> Self:
+        """Move the networks to a device; the policy acts there. Its CLIP stays where it is (`Clip.to`)."""
+        for module in self.modules.values():
+            module.to(device)
+        return self
+
+    @property
     def name(self) -> str:
         """The name in results and checkpoints, such as ``gem`` or ``gem-without-semantic-map``."""
         return self.method + self.config.variant
@@ -255,7 +272,7 @@ class PickPlacePolicy(ABC):
             ValueError: a step lacks a camera's view.
         """
         prepared = []
-        for _, step in tqdm(numbered_steps(demos), desc="scenes", unit="scene"):
+        for _, step in numbered_steps(demos):
             inputs = self.inputs(self.see(step.observation.views), self.read(step.instruction))
             sample = label(step, inputs, self.config)
             prepared.append(PreparedStep(sample, sample))
@@ -263,7 +280,7 @@ class PickPlacePolicy(ABC):
 
     def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
         """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""
-        inputs = collate(batch, next(self.pick.parameters()).device)
+        inputs = collate(batch, self.device)
         count = self.config.angles
         picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
         places = [(right_bins(s.delta, s.place_symmetry, count), round(s.place[0]), round(s.place[1])) for s in batch]
@@ -273,29 +290,37 @@ class PickPlacePolicy(ABC):
             "place": cross_entropy(self.score_place(inputs, pixels), places),
         }
 
-    def act(self, observation: Observation, instruction: str) -> Action:
+    def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Action:
         """One pick and place.
+
+        Args:
+            empty_picks: where the tool has grasped nothing since it last held something, by its own log. The pick
+                keeps away from there (`Config.empty_radius`).
 
         Raises:
             ValueError: the instruction is empty or names no pick or no place.
         """
-        return self.decide(observation, instruction).action
+        return self.decide(observation, instruction, empty_picks).action
 
-    def decide(self, observation: Observation, instruction: str) -> Choice:
+    def decide(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Choice:
         """`act`, with what the action was read from."""
         phrases = self.read(instruction)
         scene = self.see(observation.views)
-        return self.choose(instruction, phrases, scene.heightmap, self.inputs(scene, phrases))
+        return self.choose(instruction, phrases, scene.heightmap, self.inputs(scene, phrases), empty_picks)
 
     @torch.inference_mode()
-    def choose(self, instruction: str, phrases: language.Phrases, heightmap: HeightMap, inputs: Inputs) -> Choice:
+    def choose(
+        self, instruction: str, phrases: language.Phrases, heightmap: HeightMap, inputs: Inputs,
+        empty_picks: Sequence[Pose2] = (),
+    ) -> Choice:  # fmt: skip
         """The best pick, then the best place for it."""
         self.pick.eval()
         self.place.eval()
-        inputs = collate([inputs])
-        pick_logits = self.score_pick(inputs)[0]
+        inputs = collate([inputs], self.device)
+        pick_logits = self.score_pick(inputs)[0].cpu()
+        pick_logits[:, near_any(empty_picks, self.config)] = -torch.inf
         pick_cell = _argmax(pick_logits)
-        place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0]
+        place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
         place_cell = _argmax(place_logits)
         workspace, angles = self.config.workspace, angle_bins(self.config.angles)
         pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
@@ -305,6 +330,17 @@ class PickPlacePolicy(ABC):
             instruction, phrases, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
             Action(pick, place),
         )  # fmt: skip
+
+
+def near_any(poses: Sequence[Pose2], config: Config) -> torch.Tensor:
+    """(H, W) bool: cells whose centre is nearer than ``config.empty_radius`` to one of ``poses``."""
+    workspace = config.workspace
+    rows, cols = np.indices(workspace.shape)
+    x, y = workspace.to_world(rows, cols)
+    near = np.zeros(workspace.shape, bool)
+    for pose in poses:
+        near |= np.hypot(x - pose.x, y - pose.y) < config.empty_radius
+    return torch.from_numpy(near)
 
 
 def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:

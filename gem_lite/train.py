@@ -59,8 +59,10 @@ def make_batch(
     for _ in range(settings.batch):
         step = prepared[rng.integers(len(prepared))]
         sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
-        motion = augment.random_motion(rng, tuple(sample.image.shape[-2:]), [sample.pick, sample.place])
+        keep = [sample.pick, sample.place]
+        motion = augment.random_motion(rng, tuple(sample.image.shape[-2:]), keep, settings.turn)
         moved = augment.apply(motion, sample)
+        moved = augment.rescaled(rng, moved, settings.map_gain, settings.map_offset)
         batch.append(augment.recolored(rng, moved) if recolor else moved)
     return batch
 
@@ -165,8 +167,10 @@ def train(
 def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
     digest = hashlib.sha256()
     for step in prepared:
-        for part in (step.with_image.image, step.with_image.coarse):
-            digest.update(part.numpy().tobytes())
+        for sample in (step.with_image, step.text_only):
+            for name, value in vars(sample).items():
+                content = value.numpy().tobytes() if isinstance(value, torch.Tensor) else repr(value).encode()
+                digest.update(name.encode() + content)
     return digest.hexdigest()
 
 
@@ -282,7 +286,11 @@ def main() -> None:
     try:
         if args.device == "cuda" and not torch.cuda.is_available():
             raise ValueError("this machine has no GPU that torch can use; leave out --device cuda")
+        if args.episodes is not None and args.episodes < 1:
+            raise ValueError(f"--episodes must be at least 1, got {args.episodes}")
         demos = demonstrations.load(args.demonstrations)[: args.episodes]
+        if args.episodes is not None and len(demos) < args.episodes:
+            raise ValueError(f"--episodes must be at most {len(demos)}, which {args.demonstrations} holds")
         model = clip.load(args.clip)
         table = tasks.make(demos[0].task).workspace.length
         method, settings = methods.find(args.method, config.CONFIGS[args.config].on_table(table))
@@ -295,6 +303,7 @@ def main() -> None:
         facts = {
             "task": demos[0].task,
             "demos": len(demos),
+            "demonstrations_world": demos[0].world,
             "data_sha256": demonstrations.data_hash(args.demonstrations, args.episodes),
             "seed": args.seed,
             "train_seconds": round(cost.seconds, 1),
