@@ -129,18 +129,18 @@ def numbered_steps(demos: Sequence[Demonstration], label: str = "scenes") -> Ite
         label: what the progress bar says.
 
     Raises:
-        ValueError: a step lacks a camera that another step has.
+        ValueError: a step has other cameras than the steps before it.
     """
     expected: set[str] = set()
     for episode in trange(len(demos), desc=label, unit="episode"):
         for step in demos[episode].steps:
             cameras = {view.camera.name for view in step.observation.views}
             expected = expected or cameras
-            if missing := expected ^ cameras:
+            if cameras != expected:
                 raise ValueError(
-                    f"demonstration {episode} (seed {demos[episode].seed}) has a step that does not agree with the "
-                    f"steps before it: only one of them has a view of camera {', '.join(sorted(missing))}; leave it "
-                    "out or collect it again"
+                    f"demonstration {episode} (seed {demos[episode].seed}) has a step with the views of "
+                    f"{', '.join(sorted(cameras))}, where the steps before it have those of "
+                    f"{', '.join(sorted(expected))}; leave it out or collect it again"
                 )
             yield episode, step
 
@@ -269,7 +269,7 @@ class PickPlacePolicy(ABC):
         """Compute once what training does not change.
 
         Raises:
-            ValueError: a step lacks a camera's view.
+            ValueError: a step lacks a camera's view, or has one more than the others.
         """
         prepared = []
         for _, step in numbered_steps(demos):

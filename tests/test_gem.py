@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gem_lite import methods, networks
-from gem_lite.augment import apply, random_motion, recolored
+from gem_lite.augment import apply, random_motion, recolored, rescaled
 from gem_lite.config import LITE, PAPER, Config
 from gem_lite.gem import PickModule, PlaceModule
 from gem_lite.networks import CropKernel, LanguageKernel, UNet
@@ -215,3 +215,32 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
     assert [recolors(name, SMALL) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem", SMALL.ablated("without-semantic-map"))
     assert not any(recolors(name, SMALL.ablated("without-recoloring")) for name in methods.METHODS)
+
+
+def test_rescaling_changes_maps_alone_and_keeps_their_order():
+    rng = np.random.default_rng(0)
+    image = torch.rand(6, 8, 8)
+    sample = Sample(
+        image=image, pick_words=torch.zeros(D), place_words=torch.zeros(D), pick=(1.0, 2.0), place=(3.0, 4.0),
+        pick_yaw=0.0, delta=0.0, pick_symmetry=0.0, place_symmetry=0.0,
+    )  # fmt: skip
+    gains = []
+    for _ in range(50):
+        changed = rescaled(rng, sample, (0.5, 1.2), 0.1).image
+        assert torch.equal(changed[:4], image[:4])
+        for before, after in zip(image[4:], changed[4:], strict=True):
+            assert torch.equal(before.flatten().argsort(), after.flatten().argsort())
+            gain = float((after.max() - after.min()) / (before.max() - before.min()))
+            offset = float(after.min() - gain * before.min())
+            assert abs(offset) <= 0.1 + 1e-5
+            gains.append(gain)
+    assert 0.5 - 1e-5 <= min(gains) < 0.6 and 1.1 < max(gains) <= 1.2 + 1e-5
+    assert torch.allclose(rescaled(rng, sample, (1.0, 1.0), 0.0).image, image)
+    no_maps = dataclasses.replace(sample, image=image[:4])
+    assert torch.equal(rescaled(rng, no_maps, (0.5, 1.2), 0.1).image, image[:4])
+
+
+def test_motions_without_turns_only_shift():
+    motions = [random_motion(np.random.default_rng(i), (160, 80), [(80.0, 40.0)], turn=False) for i in range(20)]
+    assert {motion.angle for motion in motions} == {0.0}
+    assert len({motion.shift for motion in motions}) == 20

@@ -1,14 +1,18 @@
 import dataclasses
 import json
 import sys
+import weakref
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 import torch
 
 from gem_lite import clip, demonstrations, methods, train
+from gem_lite import policy as policy_module
 from gem_lite.config import LITE
-from gem_lite.gem import Policy
+from gem_lite.gem import PhraseMaps, Policy, joined
+from gem_lite.policy import PreparedStep, numbered_steps
 from gem_lite.se2 import angle_off
 from gem_lite.train import load_policy, save_policy
 
@@ -128,6 +132,29 @@ def test_another_trainings_state_is_refused(prepared, model, tmp_path):
         train.train(Policy(SMALL, model, memory), steps, seed=1, run=tmp_path)
 
 
+def changed(step, **changes):
+    return PreparedStep(dataclasses.replace(step.with_image, **changes), step.text_only)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda step: changed(step, pick=(3.0, 4.0)),
+        lambda step: changed(step, pick_symmetry=0.0),
+        lambda step: changed(step, pick_words=step.with_image.pick_words + 1),
+        lambda step: PreparedStep(
+            step.with_image, dataclasses.replace(step.text_only, image=step.text_only.image + 0.5)
+        ),
+    ],
+    ids=["pick", "symmetry", "words", "text map"],
+)
+def test_the_state_of_other_labels_words_or_maps_is_refused(change, prepared, model, tmp_path):
+    steps, memory = prepared
+    train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    with pytest.raises(ValueError, match="other settings"):
+        train.train(Policy(SMALL, model, memory), [change(steps[0]), *steps[1:]], seed=0, run=tmp_path)
+
+
 def test_a_seed_decides_everything(prepared, model, tmp_path):
     settings = dataclasses.replace(SMALL, steps=3)
     found = []
@@ -209,3 +236,98 @@ def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstratio
             policy.act(observation, sentence)
     with pytest.raises(ValueError, match="rgb of camera"):
         dataclasses.replace(observation.views[0], rgb=observation.views[0].rgb[:100])
+
+
+def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, demonstrations_small):
+    policy = Policy(SMALL, model, prepared[1], seed=1)
+    step = demonstrations_small[0].steps[0]
+    first = policy.decide(step.observation, step.instruction)
+    second = policy.decide(step.observation, step.instruction, [first.action.pick])
+    off = np.hypot(second.action.pick.x - first.action.pick.x, second.action.pick.y - first.action.pick.y)
+    assert off >= SMALL.empty_radius
+    cells = np.isneginf(second.pick_logits).all(axis=0)
+    radius = SMALL.empty_radius / SMALL.workspace.pixel
+    assert cells.sum() == pytest.approx(np.pi * radius**2, rel=0.35)
+    assert np.array_equal(second.pick_logits[:, ~cells], first.pick_logits[:, ~cells])
+    allowed = Policy(dataclasses.replace(SMALL, empty_radius=0.0), model, prepared[1], seed=1)
+    assert allowed.decide(step.observation, step.instruction, [first.action.pick]).action == first.action
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_policy_acts_where_it_lives(prepared, model, demonstrations_small):
+    step = demonstrations_small[0].steps[0]
+    here = Policy(SMALL, model, prepared[1], seed=1)
+    there = Policy(SMALL, model, prepared[1], seed=1).to("cuda")
+    assert there.device.type == "cuda"
+    assert there.act(step.observation, step.instruction) == here.act(step.observation, step.instruction)
+
+
+def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeypatch):
+    """On any machine: what is collated goes to the policy's device, and results come back."""
+    policy = Policy(SMALL, model, prepared[1], seed=1)
+    asked = []
+    honest = policy_module.collate
+    monkeypatch.setattr(
+        policy_module, "collate", lambda several, device: asked.append(device) or honest(several, device)
+    )
+    step = demonstrations_small[0].steps[0]
+    policy.act(step.observation, step.instruction)
+    policy.losses([prepared[0][0].with_image])
+    assert asked == [policy.device] * 2
+    assert policy.to("cpu") is policy
+
+
+def test_the_maps_of_two_things_are_joined():
+    red, green = (np.array([[value, 0.1]], np.float32) for value in (0.9, 0.2))
+    both = joined([PhraseMaps(red, None, red), PhraseMaps(green[:, ::-1], green, green[:, ::-1])])
+    assert np.array_equal(both.fused, np.array([[0.9, 0.2]], np.float32))
+    assert both.image is green
+    assert joined([PhraseMaps(red, None, red)]).image is None
+
+
+def test_and_means_two_phrases(prepared, model, demonstrations_small):
+    policy = Policy(SMALL, model, prepared[1])
+    scene = policy.see(demonstrations_small[0].steps[0].observation.views)
+    one, other = (policy.maps(scene, phrase).fused for phrase in ("green blocks", "blue blocks"))
+    assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, np.maximum(one, other))
+    whole = Policy(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
+    assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, np.maximum(one, other))
+
+
+def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
+    # One episode alone: every crop in the memory is its own.
+    steps, _ = prepare(demonstrations_small[:1], model, dataclasses.replace(SMALL, own_crop=True))
+    assert not any(torch.equal(step.with_image.image, step.text_only.image) for step in steps)
+
+
+@pytest.mark.parametrize("episodes", ["0", "-1", "3"])
+def test_a_number_of_episodes_that_is_not_there_is_refused(episodes, demo_set, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        sys, "argv", ["train", str(demo_set[0]), str(tmp_path / "p.safetensors"), "--episodes", episodes]
+    )
+    with pytest.raises(SystemExit) as stop:
+        train.main()
+    assert stop.value.code == 2
+    assert "--episodes must be at" in capsys.readouterr().err
+
+
+def test_steps_are_read_one_episode_at_a_time(demonstrations_small):
+    """A set that counts how many of its episodes are alive: never more than the one before and the present one."""
+    alive = weakref.WeakSet()
+    most = []
+
+    class Counting(Sequence):
+        def __len__(self):
+            return 6
+
+        def __getitem__(self, index):
+            if index >= len(self):
+                raise IndexError(index)
+            episode = dataclasses.replace(demonstrations_small[0])
+            alive.add(episode)
+            most.append(len(alive))
+            return episode
+
+    assert len(list(numbered_steps(Counting()))) == 6 * len(demonstrations_small[0].steps)
+    assert max(most) <= 2
