@@ -5,24 +5,13 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gem_lite import vocabulary
-from gem_lite.language import (
-    ADJECTIVES,
-    CLOSINGS,
-    DETERMINERS,
-    LOCATIONS,
-    OPENINGS,
-    PLACING,
-    RESERVED,
-    VERBS,
-    Phrases,
-    conjuncts,
-    parse,
-)  # fmt: skip
+from gem_lite import language, vocabulary
+from gem_lite.language import PLACING, VERBS, Phrases, conjuncts, parse
 
 NOUNS = tuple(name for names in vocabulary.NOUNS.values() for name in names)
 WORDS = (
-    *VERBS, *PLACING, *DETERMINERS, *sorted(ADJECTIVES), *sorted(RESERVED), *LOCATIONS, *OPENINGS, *CLOSINGS, *NOUNS,
+    *VERBS, *PLACING, *language.DETERMINERS, *sorted(language.ADJECTIVES), *sorted(language.RESERVED),
+    *language.LOCATIONS, *language.OPENINGS, *language.CLOSINGS, *NOUNS,
     "and", "and then", ",", "with", "of", "by its", "by the", "letter A", "gently", "", "\t", ";", "'", "\ud800", "É",
 )  # fmt: skip
 NEAR = st.lists(st.sampled_from(WORDS), max_size=12).map(" ".join)
@@ -38,7 +27,7 @@ SPOILT = st.builds(
 """A good sentence, and more words behind it."""
 SENTENCES = st.lists(st.one_of(st.text(max_size=60), NEAR, SPOILT), min_size=10, max_size=10)
 """Ten sentences are one example: a profile's 200 examples are 2,000 sentences."""
-LOCATION = re.compile(rf" ({'|'.join(LOCATIONS)})$")
+LOCATION = re.compile(rf" ({'|'.join(language.LOCATIONS)})$")
 
 
 def assert_clean(phrase: str) -> None:
@@ -47,11 +36,13 @@ def assert_clean(phrase: str) -> None:
     for before, word in zip(["", *words], words, strict=False):
         name = word.removesuffix(",")
         assert name.replace("-", "").replace("'", "").replace("’", "").replace("&", "").isalnum(), phrase
-        assert name not in RESERVED or before == "letter", phrase
-    assert words[0] not in DETERMINERS and words[0] not in ("and", "of", "with")
-    assert words[-1] not in ("and", "of", "with", *DETERMINERS) or words[-1] == "one" or words[-2:-1] == ["letter"], (
-        phrase
-    )
+        assert name not in language.RESERVED or before == "letter", phrase
+    assert words[0] not in language.DETERMINERS and words[0] not in ("and", "of", "with")
+    assert (
+        words[-1] not in ("and", "of", "with", *language.DETERMINERS)
+        or words[-1] == "one"
+        or words[-2:-1] == ["letter"]
+    ), phrase
 
 
 @given(SENTENCES)
