@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from gem_lite import clip, colors, config, methods
 from gem_lite.config import Config
-from gem_lite.demonstrations import write_whole
+from gem_lite.demonstrations import read_json, write_whole
 from gem_lite.policy import PickPlacePolicy
 from gem_lite.se2 import Action, Pose2, angle_bins
 from gem_lite.tabletop import tasks
@@ -198,8 +198,14 @@ def results_file(task_name: str) -> Path:
 
 
 def read_rows(path: Path) -> list[dict]:
-    """The rows of a JSON-lines file; none if there is no such file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    """The rows of a JSON-lines file; none if there is no such file. Raises ValueError with the line that is no row."""
+    lines = path.read_bytes().splitlines() if path.exists() else []
+    rows = [read_json(line, f"line {number} of {path}") for number, line in enumerate(lines, start=1)]
+    for number, row in enumerate(rows, start=1):
+        wrong = [name for name in IDENTITY if isinstance(row.get(name), dict | list)]
+        if wrong:
+            raise ValueError(f"line {number} of {path} is no row: see its {', '.join(wrong)}")
+    return rows
 
 
 def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:

@@ -205,11 +205,17 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
 
 
 def read_card(path: Path) -> dict:
-    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing."""
+    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
     for needed in (path, path.with_suffix(".json")):
         if not needed.exists():
             raise FileNotFoundError(f"the checkpoint {path} is not complete: {needed} is missing")
-    return json.loads(path.with_suffix(".json").read_text())
+    card_file = path.with_suffix(".json")
+    card = demonstrations.read_json(card_file.read_bytes(), card_file)
+    needed_types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
+    wrong = [key for key, kind in needed_types.items() if not isinstance(card.get(key), kind)]
+    if wrong:
+        raise ValueError(f"{card_file} is no whole description of a checkpoint: see its {', '.join(wrong)}")
+    return card
 
 
 def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
@@ -235,20 +241,28 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     method = card["method"].removesuffix(found.variant)
     if method not in methods.METHODS:
         raise ValueError(f"the checkpoint {path} holds the unknown method {card['method']!r}")
-    if card["clip"]["fingerprint"] != model.fingerprint:
+    if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
-            f"the checkpoint {path} was trained with the CLIP {card['clip']['name']!r}, "
+            f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
             f"not with the weights of {model.name!r}"
         )
-    tensors = safetensors.torch.load(content)
-    memory = None
-    if card["memory"]:
-        memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-    policy = methods.METHODS[method](found, model, memory)
-    with torch.no_grad():
-        for role, module in policy.modules.items():
-            for name, value in module.named_parameters():
-                value.copy_(tensors[f"{role}.{name}"])
+    try:
+        tensors = safetensors.torch.load(content)
+        memory = None
+        if card["memory"]:
+            memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
+        policy = methods.METHODS[method](found, model, memory)
+        with torch.no_grad():
+            for role, module in policy.modules.items():
+                for name, value in module.named_parameters():
+                    weight = tensors[f"{role}.{name}"]
+                    if weight.shape != value.shape or not torch.isfinite(weight).all():
+                        raise ValueError(f"{role}.{name} must be finite and of shape {tuple(value.shape)}")
+                    value.copy_(weight)
+    except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
+        raise ValueError(
+            f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
+        ) from error
     return policy
 
 
