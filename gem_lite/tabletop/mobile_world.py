@@ -23,6 +23,7 @@ from gem_lite.tabletop.gripper import CLEARANCE, GripperState
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import FLOOR_COLOR, TABLE_COLOR, Observation, Simulation
+from gem_lite.tabletop.worlds import WORLDS, WorldStyle
 
 TABLE_HEIGHT = 0.7
 """Heights are measured from the tables' tops: the floor lies so far (m) below."""
@@ -91,9 +92,11 @@ class MobileWorld(Simulation):
     """
 
     def __init__(
-        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False
-    ) -> None:
+        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False,
+        style: WorldStyle = WORLDS["home"],
+    ) -> None:  # fmt: skip
         super().__init__(gui)
+        self.style = style
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
         self.tables, self.body = tuple(tables), body

@@ -19,6 +19,7 @@ from gem_lite.tabletop.shapes import Body
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.tasks import Task
+from gem_lite.tabletop.worlds import WORLDS, WorldStyle
 
 RATE = 240
 """Simulation steps per second."""
@@ -166,6 +167,10 @@ class Simulation(ABC):
 
 class World(Simulation):
     """One table, its frame the world's."""
+
+    def __init__(self, gui: bool = False, style: WorldStyle = WORLDS["home"]) -> None:
+        super().__init__(gui)
+        self.style = style
 
     def furnish(self) -> None:
         """See `Simulation`."""
