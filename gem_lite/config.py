@@ -14,7 +14,7 @@ Kernels = Literal["steerable", "unrotated", "free"]
 
 
 class Ablation(NamedTuple):
-    """What one ablation of Table A2 changes in a configuration, what that means, and for which methods it means that."""
+    """What one ablation of Table A2 changes in a configuration, what that means, and which methods it is for."""
 
     meaning: str
     changes: dict
@@ -37,8 +37,10 @@ ABLATIONS = {
     ),
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
 }
-"""Endings of a method's name (A.2), in the order in which a name holds several. Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel,
-and ``without-recoloring``, since the recolouring is ours."""
+"""Endings of a method's name (A.2), in the order in which a name holds several.
+
+Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel, and ``without-recoloring``, since
+the recolouring is ours."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from gem_lite.baselines.cliport import ClipPort, GroundedClipPort
 from gem_lite.baselines.transporter import TransporterLan
 from gem_lite.config import ABLATIONS, LITE, Config
@@ -66,6 +68,20 @@ def find(name: str, config: Config) -> tuple[type[PickPlacePolicy], Config]:
     for ending in endings:
         config = config.ablated(ending)
     return METHODS[method], config
+
+
+def of_card(card: dict) -> tuple[type[PickPlacePolicy], Config]:
+    """The class and the configuration of a checkpoint's card; the method's name in it names the ablations.
+
+    Raises:
+        ValueError: an unknown method, or a configuration that is not the method's.
+    """
+    try:
+        method, ablations = split(card["method"])
+    except ValueError as error:
+        raise ValueError(f"unknown method {card['method']!r}: {error}") from error
+    # Cards that were written before configurations held their ablations have them in the method's name alone.
+    return METHODS[method], dataclasses.replace(Config.from_dict(card["config"]), ablations=ablations)
 
 
 def canonical(name: str) -> str:

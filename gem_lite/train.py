@@ -224,11 +224,9 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
     try:
-        method, ablations = methods.split(card["method"])
+        method, found = methods.of_card(card)
     except ValueError as error:
-        raise ValueError(f"the checkpoint {path} holds the unknown method {card['method']!r}: {error}") from error
-    # Cards that were written before configurations held their ablations have them in the method's name alone.
-    found = dataclasses.replace(Config.from_dict(card["config"]), ablations=ablations)
+        raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
     if settings is not None and settings != found:
         old, new = found.as_dict(), settings.as_dict()
         differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
@@ -242,7 +240,7 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     memory = None
     if card["memory"]:
         memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-    policy = methods.METHODS[method](found, model, memory)
+    policy = method(found, model, memory)
     with torch.no_grad():
         for role, module in policy.modules.items():
             for name, value in module.named_parameters():
