@@ -101,7 +101,7 @@ class Experiment:
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
-TRUE_COLORS = ("gem-without-recoloring", *methods.CLIPORTS_WITHOUT_RECOLORING)
+TRUE_COLORS = tuple(f"{method}-without-recoloring" for method in ("gem", "cliport", "cliport-grounded"))
 """Methods trained on true colours, with the paper's augmentation alone."""
 RIVALS = ("cliport", "cliport-grounded", "transporter-lan")
 SHORT = 300

@@ -233,14 +233,14 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
-    found = Config.from_dict(card["config"])
+    try:
+        method, found = methods.of_card(card)
+    except ValueError as error:
+        raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
     if settings is not None and settings != found:
         old, new = found.as_dict(), settings.as_dict()
         differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
         raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
-    method = card["method"].removesuffix(found.variant)
-    if method not in methods.METHODS:
-        raise ValueError(f"the checkpoint {path} holds the unknown method {card['method']!r}")
     if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
             f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
@@ -251,7 +251,7 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
         memory = None
         if card["memory"]:
             memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-        policy = methods.METHODS[method](found, model, memory)
+        policy = method(found, model, memory)
         with torch.no_grad():
             for role, module in policy.modules.items():
                 for name, value in module.named_parameters():
@@ -285,9 +285,7 @@ def main() -> None:
     )
     parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.demonstrations collect")
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
-    parser.add_argument(
-        "--method", choices=methods.NAMES, metavar="METHOD", default="gem", help="see below; default gem"
-    )
+    parser.add_argument("--method", default="gem", help="see below; default gem")
     parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
     parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
     parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")
