@@ -23,8 +23,8 @@ from hypothesis import strategies as st
 from gem_lite import calibration, clip, demonstrations, train
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory, _digest
-from gem_lite.evaluate import file_rows, read_rows
 from gem_lite.gem import Policy
+from gem_lite.results import file_rows, read_rows
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
