@@ -19,6 +19,7 @@ from gem_lite.tabletop.heightmap import fuse_views
 from gem_lite.tabletop.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import World
+from gem_lite.tabletop.worlds import WORLDS
 
 MOBILE = LITE.on_table(1.06)
 TABLES = (Pose2(0.0, 0.0), Pose2(2.0, 1.8, 2.1))
@@ -411,3 +412,12 @@ def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
             named.append(task.instruction.split("pick the ")[1].split(" and ")[0])
             assert len(task.names) == 7
     assert sorted(named) == sorted(object_sorting.SEEN)
+
+
+def test_a_world_of_several_tables_has_a_style():
+    pictures = []
+    for name in ("home", "bright-light"):
+        with MobileWorld(TABLES, STILL, style=WORLDS[name]) as styled:
+            styled.clear()
+            pictures.append(styled.observe()[0].views[0].rgb.astype(int))
+    assert (pictures[1] - pictures[0]).mean() > 5
