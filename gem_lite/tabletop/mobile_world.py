@@ -145,11 +145,10 @@ class MobileWorld(Simulation):
 
     def observe(self) -> tuple[Observation, ...]:
         """What the three cameras of each table see, in that table's own frame."""
+        cameras = cameras_around(self.workspace)
+        light = self.style.light
         return tuple(
-            Observation(
-                tuple(take(self.client, camera, table, self.style.light) for camera in cameras_around(self.workspace))
-            )
-            for table in self.tables
+            Observation(tuple(take(self.client, camera, table, light) for camera in cameras)) for table in self.tables
         )
 
     def photograph(self) -> np.ndarray:
