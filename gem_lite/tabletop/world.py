@@ -172,9 +172,15 @@ class Simulation(ABC):
             p.stepSimulation(physicsClientId=self.client)
 
     def check(self, name: str, pose: Pose2) -> None:
-        """Raises ValueError if a pose in a table's frame lies outside the workspace or its yaw is not finite."""
-        if not self.workspace.contains(pose.x, pose.y):
-            raise ValueError(f"{name} = {pose} lies outside the workspace {self.workspace}")
+        """Refuse a pose in a table's frame that no action may have.
+
+        Raises:
+            ValueError: it lies outside the task's workspace, or its yaw is not finite.
+            RuntimeError: there is no task yet.
+        """
+        workspace = self.task.workspace
+        if not workspace.contains(pose.x, pose.y):
+            raise ValueError(f"{name} = {pose} lies outside the workspace {workspace}")
         if not math.isfinite(pose.yaw):
             raise ValueError(f"{name} = {pose} has a yaw that is not a finite number of radians")
 
