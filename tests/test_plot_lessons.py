@@ -23,7 +23,7 @@ def close():
 
 
 def cells(*means):
-    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0) for mean in means]
+    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0, (0, 1, 2, 3)) for mean in means]
 
 
 def sample(pick_map):
