@@ -77,6 +77,7 @@ class MobileStep:
     """What an act over several tables led to: see `world.Step`."""
 
     reward: float
+    done: bool
     grasped: bool
     trace: tuple[GripperState, ...]
 
@@ -84,11 +85,15 @@ class MobileStep:
 class MobileWorld(Simulation):
     """Several tables, each with three cameras and a tag, and the base.
 
-    Table i carries the tag with number i. A table's frame is that of a `World` with this table alone.
+    Table i carries the tag with number i. A table's frame is that of a `World` with this table alone. A task that
+    is made for one table lies on the first; object-sorting is spread over all.
 
     Args:
-        tables: where the tables' frames are in the world.
+        tables: where the tables' frames are in the world. The first is the world's frame.
         body: the robot's body and its errors.
+
+    Raises:
+        ValueError: no table, or the first one elsewhere.
     """
 
     def __init__(
@@ -97,6 +102,8 @@ class MobileWorld(Simulation):
         super().__init__(gui)
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
+        if tables[0] != Pose2(0.0, 0.0):
+            raise ValueError(f"tables[0] must be the world's frame, {Pose2(0.0, 0.0)}, got {tables[0]}")
         self.tables, self.body = tuple(tables), body
         self.tags = tuple(range(len(self.tables)))
         self.base = self.tables[0] @ HOME
@@ -127,7 +134,7 @@ class MobileWorld(Simulation):
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self._rng = np.random.default_rng((seed, len(self.tables)))
         super().begin(task, seed)
-        self._score, self._grasped = task.score(self), False
+        self._grasped = False
 
     def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
         """`begin`, and look at it."""
@@ -187,13 +194,10 @@ class MobileWorld(Simulation):
         self.gripper.place(self.base @ pose)
 
     def finish(self) -> MobileStep:
-        """Let go of everything, drive home, settle and score."""
-        self.gripper.park()
+        """Drive home and `conclude`: the next `observe` shows what the act led to."""
         self._move_base(self.tables[0] @ HOME)
-        self.settle()
-        self.steps_taken += 1
-        before, self._score = self._score, self.task.score(self)
-        return MobileStep(self._score - before, self._grasped, tuple(self.gripper.trace))
+        reward, done = self.conclude()
+        return MobileStep(reward, done, self._grasped, tuple(self.gripper.trace))
 
     def _move_base(self, pose: Pose2) -> None:
         self.base = pose
