@@ -12,6 +12,7 @@ from matplotlib.image import AxesImage
 
 from gem_lite.plot_kernels import SIGNED
 from gem_lite.plots import PICK_COLOR, action_map, bare, draw_gripper
+from gem_lite.policy import RGBD, Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72
@@ -36,6 +37,24 @@ def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Fi
         _small_bar(bare(ax, title), ax.imshow(panel, **scale))
         ax.set_facecolor("0.7")
     axes[0, 0].set_ylabel(label, fontsize=9)
+    return fig
+
+
+def show_samples(samples: Sequence[Sample], workspace: Workspace) -> Figure:
+    """What training reads of each sample: the picture with the pick's label, the pick's map below."""
+    fig, axes = plt.subplots(
+        2, len(samples), figsize=(1.5 * len(samples), 5.6), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for i, (column, sample) in enumerate(zip(axes.T, samples, strict=True)):
+        bare(column[0], f"sample {i}").imshow(to_picture(sample.image))
+        shown = bare(column[1]).imshow(sample.image[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
+        label = Pose2(*workspace.to_world(*sample.pick), sample.pick_yaw)
+        for ax in column:
+            draw_gripper(ax, label, workspace, PICK_COLOR)
+            ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    axes[0, 0].set_ylabel("picture and label", fontsize=9)
+    axes[1, 0].set_ylabel("map of the pick phrase", fontsize=9)
+    fig.colorbar(shown, ax=axes[1], shrink=0.8)
     return fig
 
 

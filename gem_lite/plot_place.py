@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 from matplotlib.figure import Figure
 
+from gem_lite.plot_kernels import SIGNED
 from gem_lite.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.policy import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop.heightmap import HeightMap
 
@@ -46,6 +49,22 @@ def show_actions(columns: Sequence[Shown], suptitle: str = "", width: float = 1.
             ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
     if mapped:
         fig.colorbar(scored, ax=axes[1], shrink=0.8, label="logit - best logit")
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_crop(crop: torch.Tensor, suptitle: str = "") -> Figure:
+    """The five channels of a crop (5, h, h): colours in their own colour, height, and pick map."""
+    fig, axes = plt.subplots(1, 5, figsize=(8.2, 2.3), layout="constrained")
+    picture = to_picture(crop)
+    for channel, (ax, name) in enumerate(zip(axes, ("red", "green", "blue"), strict=False)):
+        alone = np.zeros_like(picture)
+        alone[..., channel] = picture[..., channel]
+        bare(ax, name).imshow(alone)
+    height = bare(axes[3], "height (mm)").imshow(1000 * HEIGHT_SCALE * crop[RGBD - 1], cmap="viridis", vmin=0)
+    semantic = bare(axes[4], "pick map").imshow(crop[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
+    for ax, shown in ((axes[3], height), (axes[4], semantic)):
+        fig.colorbar(shown, ax=ax, shrink=0.8)
     fig.suptitle(suptitle, fontsize=10)
     return fig
 

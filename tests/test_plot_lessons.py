@@ -26,6 +26,35 @@ def cells(*means):
     return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0, (0, 1, 2, 3)) for mean in means]
 
 
+def sample(pick_map):
+    image = torch.cat([torch.zeros(RGBD, *W.shape), torch.full((2, *W.shape), pick_map)])
+    return Sample(
+        image=image, pick_words=torch.zeros(1), place_words=torch.zeros(1), pick=(40.0, 20.0), place=(80.0, 40.0),
+        pick_yaw=0.3, delta=0.0, pick_symmetry=0.0, place_symmetry=0.0,
+    )  # fmt: skip
+
+
+def test_samples_show_picture_map_and_label():
+    fig = plot_pick.show_samples([sample(0.2), sample(0.8)], W)
+    upper, lower = np.array(fig.axes[:4]).reshape(2, 2)
+    assert [ax.images[0].get_array().shape for ax in upper] == [(*W.shape, 3)] * 2
+    assert [float(ax.images[0].get_array()[0, 0]) for ax in lower] == pytest.approx([0.2, 0.8])
+    for ax in (*upper, *lower):
+        x, y = ax.lines[0].get_xydata().mean(axis=0)  # the cross's long arm lies about the label's pixel
+        assert (y, x) == pytest.approx((40, 20), abs=0.01)
+
+
+def test_a_crop_shows_each_colour_in_its_own_colour():
+    crop = torch.zeros(5, 17, 17)
+    crop[0] = 0.5  # red above the table's grey
+    shown = [ax.images[0].get_array() for ax in plot_place.show_crop(crop).axes[:5]]
+    for channel in range(3):
+        others = [c for c in range(3) if c != channel]
+        assert not np.any(shown[channel][..., others]) and np.all(shown[channel][..., channel] > 0)
+    assert shown[0].max() > shown[1].max() == shown[2].max()
+    assert shown[3].shape == shown[4].shape == (17, 17)
+
+
 def test_stages_keep_pictures_and_maps_apart():
     fig = plot_pick.show_stages([("colour", np.zeros((4, 4, 3))), ("map", np.eye(4)), ("score", np.eye(4))])
     panels = [ax for ax in fig.axes if ax.get_title()]
