@@ -5,12 +5,13 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 NBVAL := --nbval-lax --nbval-current-env --nbval-sanitize-with tests/nbval_sanitize.cfg --nbval-cell-timeout=300
 
-.PHONY: help demo lab test check-python clean
+.PHONY: help demo lab test fuzz check-python clean
 
 help:
 	@echo "make demo   set up, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, the unit tests and every notebook"
+	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (an hour)"
 	@echo "make clean  remove the environment and what runs left behind"
 
 check-python:
@@ -48,6 +49,9 @@ test: $(READY)
 	@$(BIN)/python -m pytest tests
 	@echo "3/3 notebooks"
 	@$(BIN)/python -m pytest $(NBVAL) notebooks
+
+fuzz: $(READY)
+	@$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=whole
 
 clean:
 	rm -rf $(VENV) runs .pytest_cache .ruff_cache *.egg-info

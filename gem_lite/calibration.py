@@ -32,6 +32,8 @@ class Calibration:
 
     ``retrieval_threshold`` is the cosine above which two phrases mean the same (0.965 for OpenAI's
     ViT-B/32 in the paper).
+
+    Raises ValueError for what is no cosine, or a scale whose match is not above its empty cell.
     """
 
     text_low: float
@@ -39,6 +41,14 @@ class Calibration:
     image_low: float
     image_high: float
     retrieval_threshold: float
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not -1.001 <= value <= 1.001:
+                raise ValueError(f"{name} must be a cosine in [-1, 1], got {value!r}")
+        for kind, low, high in (("text", self.text_low, self.text_high), ("image", self.image_low, self.image_high)):
+            if not low < high:
+                raise ValueError(f"{kind}_high must lie above {kind}_low, got {high} and {low}")
 
     def scale_text(self, cosine: np.ndarray) -> np.ndarray:
         """Scale text-to-image cosines."""
@@ -131,12 +141,20 @@ def path_for(clip: Clip) -> Path:
 
 
 def load_or_measure(clip: Clip) -> Calibration:
-    """A CLIP's calibration from its file; measured and filed if there is none yet."""
-    from gem_lite.demonstrations import write_whole
+    """A CLIP's calibration from its file; measured and filed if there is none yet.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    from gem_lite.demonstrations import read_json, write_whole
 
     path = path_for(clip)
     if path.exists():
-        return Calibration(**json.loads(path.read_text()))
+        values = read_json(path.read_bytes(), path)
+        try:
+            return Calibration(**values)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path} is no calibration ({error}): remove it, and it is measured again") from error
     calibration = calibrate(clip)
     write_whole(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
     return calibration

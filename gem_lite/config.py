@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import asdict, dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
@@ -12,34 +14,48 @@ Kernels = Literal["steerable", "unrotated", "free"]
 
 
 class Ablation(NamedTuple):
-    """What one ablation of Table A2 changes in a configuration, and what that means."""
+    """What one ablation of Table A2 changes in a configuration, what that means, and which methods it is for."""
 
     meaning: str
     changes: dict
+    methods: tuple[str, ...] = ("gem",)
 
 
+EVERY_METHOD = ("gem", "transporter-lan", "cliport", "cliport-grounded")
 ABLATIONS = {
     "without-semantic-map": Ablation("the map is 1 everywhere", {"semantic_map": "none"}),
     "with-single-view": Ablation("the text map comes from the height map's patches", {"semantic_map": "single-view"}),
     "without-steerable-kernel": Ablation("one unrotated kernel for all angles", {"kernels": "unrotated"}),
     "with-free-kernels": Ablation("a kernel of its own for each angle, not tied by rotation", {"kernels": "free"}),
     "without-image-map": Ablation("no image-conditioned map", {"image_weight": 0.0}),
-    "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
-    "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
+    "without-recoloring": Ablation(
+        "training shows the colours as they are", {"recolor": False}, ("gem", "cliport", "cliport-grounded")
+    ),
+    "without-parsing": Ablation(
+        "both phrases are the whole instruction",
+        {"parsing": False},
+        EVERY_METHOD,
+    ),
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
     "with-matched-single-view": Ablation(
         "the same with patches of the height map as wide as the side views' patches are on the table",
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
     ),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
-    "without-rotation-augmentation": Ablation("training moves scenes, but does not turn them", {"turn": False}),
+    "without-rotation-augmentation": Ablation(
+        "training moves scenes, but does not turn them", {"turn": False}, EVERY_METHOD
+    ),
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
     "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
-    "without-empty-spots": Ablation("a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}),
+    "without-empty-spots": Ablation(
+        "a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}, EVERY_METHOD
+    ),
 }
-"""Endings of a method's name (A.2). Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel,
-``with-matched-single-view``, a fairer rival of several views, ``keeps-own-crop``, which is what the paper's training
-does (A.3), and the endings that switch off what is ours: recolouring, map scaling, conjuncts, empty spots."""
+"""Endings of a method's name (A.2), in the order in which a name holds several.
+
+Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
+rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
+off what is ours: recolouring, map scaling, conjuncts, empty spots."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +91,8 @@ class Config:
             1; `lite`'s bottleneck has cells twice as wide, wider than a block, and its next level has the paper's.
         semantic_map, kernels, parsing, language_in_attention: what `ABLATIONS` switch.
         steps, batch, learning_rate: training.
+        ablations: which `ABLATIONS` this configuration was made with (`ablated`). They name the method; equal values
+            that were set in another way do not.
     """
 
     name: str = "lite"
@@ -112,25 +130,43 @@ class Config:
     steps: int = 1500
     batch: int = 2
     learning_rate: float = 1e-3
+    ablations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for value, allowed in ((self.semantic_map, SemanticMap), (self.kernels, Kernels)):
             if value not in get_args(allowed):
                 raise ValueError(f"the configuration must have one of {', '.join(get_args(allowed))}, got {value!r}")
 
+        for ending in self.ablations:
+            if ending not in ABLATIONS:
+                raise ValueError(f"ablations must be of {', '.join(ABLATIONS)}, got {ending!r}")
+            for key, value in ABLATIONS[ending].changes.items():
+                if getattr(self, key) != value:
+                    raise ValueError(
+                        f"{ending} needs {key} = {value!r}, got {getattr(self, key)!r}: "
+                        "it cannot be combined with another ablation or value of the same setting"
+                    )
+
     @property
     def variant(self) -> str:
         """The ending of a method's name: "" or what is switched off, such as "-without-parsing"."""
-        found = [
-            ending
-            for ending, ablation in ABLATIONS.items()
-            if all(getattr(self, key) == value for key, value in ablation.changes.items())
-        ]
-        return "".join(f"-{ending}" for ending in found)
+        return "".join(f"-{ending}" for ending in self.ablations)
 
     def ablated(self, ending: str) -> Config:
-        """The same with what one of `ABLATIONS` changes."""
-        return replace(self, **ABLATIONS[ending].changes)
+        """The same with what one of `ABLATIONS` changes, and named after it.
+
+        Raises:
+            ValueError: no such ablation, or one that contradicts another.
+        """
+        if ending not in ABLATIONS:
+            raise ValueError(f"ending must be one of {', '.join(ABLATIONS)}, got {ending!r}")
+        ablations = tuple(known for known in ABLATIONS if known in (*self.ablations, ending))
+        return replace(self, **ABLATIONS[ending].changes, ablations=ablations)
+
+    @property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits that stand for every entry: SHA-256 of `as_dict` as JSON with sorted keys."""
+        return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()[:12]
 
     @property
     def workspace(self) -> Workspace:

@@ -111,8 +111,9 @@ class CropMemory:
         Raises:
             ValueError: not one label for each picture, a label without phrase or episode, or a wrong picture.
         """
-        if not isinstance(labels, list | tuple) or len(labels) != len(images):
-            raise ValueError(f"labels must be one for each of {len(images)} pictures, got {labels!r:.200}")
+        count = len(images) if images.ndim else 0
+        if not isinstance(labels, list | tuple) or len(labels) != count:
+            raise ValueError(f"labels must be one for each of {count} pictures, got {labels!r:.200}")
         for label in labels:
             if not isinstance(label, dict) or label.keys() != {"phrase", "episode"}:
                 raise ValueError(f"a label must hold a phrase and an episode, got {label!r:.200}")

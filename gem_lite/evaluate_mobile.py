@@ -7,7 +7,6 @@ import math
 import multiprocessing
 import os
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -15,19 +14,17 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import clip, evaluate, mobile
+from gem_lite import clip, evaluate, methods, mobile, results
 from gem_lite.results import Cell
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
+from gem_lite.tabletop.worlds import WORLDS
 from gem_lite.train import load_policy, read_card
 
 TASKS = ("object-sorting-seen", "object-sorting-unseen")
-OUT = evaluate.RESULTS / "object-sorting.jsonl"
-IDENTITY = (
-    "method", "task", "tables", "poses", "shift", "turn", "demos", "seed", "config", "steps", "split", "start",
-)  # fmt: skip
-"""What names a cell of these results."""
+IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")
+"""What names a row of these results."""
 
 
 class Condition(NamedTuple):
@@ -92,32 +89,34 @@ def run_episode(
     return Outcome(index, tuple(rewards), tuple(errors))
 
 
-def _run_chunk(job: tuple[Path, str | None, str, tasks.Split, list[int], list[Condition], int]) -> list[Outcome]:
-    checkpoint, clip_name, task_name, split, indices, conditions, tables = job
+def _run_chunk(job: tuple[Path, str | None, str, str, tasks.Split, list[int], list[Condition], int]) -> list[Outcome]:
+    checkpoint, clip_name, world_name, task_name, split, indices, conditions, tables = job
     torch.set_num_threads(1)
     policy = load_policy(checkpoint, clip.load(clip_name))
-    with MobileWorld(side_by_side(tables)) as world:
+    with MobileWorld(side_by_side(tables), style=evaluate.style_of(world_name)) as world:
         return [run_episode(world, policy, task_name, split, index, conditions) for index in indices]
 
 
 def measure(
     checkpoint: Path, task_name: str, episodes: int, conditions: Sequence[Condition], split: tasks.Split = "test",
     start: int = 0, clip_name: str | None = None, tables: int = 2, processes: int | None = None,
+    world: str = "home",
 ) -> list[Outcome]:  # fmt: skip
     """Episodes ``start`` .. ``start + episodes - 1`` of a split under every condition, one process a core.
 
     Raises:
-        ValueError: unknown task or split, or no episode.
+        ValueError: unknown task, split or world, or no episode.
     """
     if task_name not in TASKS:
         raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task_name!r}")
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     tasks.make(task_name, split)
+    evaluate.style_of(world)
     load_policy(checkpoint, clip.load(clip_name))  # Errors surface here, not in a worker.
     indices, size = range(start, start + episodes), evaluate.CHUNK
     jobs = [
-        (checkpoint, clip_name, task_name, split, list(indices[i : i + size]), list(conditions), tables)
+        (checkpoint, clip_name, world, task_name, split, list(indices[i : i + size]), list(conditions), tables)
         for i in range(0, episodes, size)
     ]
     found: list[Outcome] = []
@@ -134,34 +133,28 @@ def measure(
 
 def rows_of(found: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:
     """A row for each condition, with every episode's reward by its index."""
-    rows = []
-    for number, condition in enumerate(conditions):
-        mean, interval = evaluate.mean_and_interval([one.rewards[number] for one in found])
-        row = facts | condition._asdict() | {"episodes": len(found), "mean": mean, "ci95": list(interval)}
-        row["rewards"] = {str(one.index): one.rewards[number] for one in found}
-        rows.append(row | {"date": datetime.now(UTC).date().isoformat()})
-    return rows
+    return [
+        facts | condition._asdict() | results.scored({one.index: one.rewards[number] for one in found})
+        for number, condition in enumerate(conditions)
+    ]
 
 
-def cell(task: str, condition: Condition, tables: int = 2) -> Cell:
-    """GEM's filed row of a task under a condition, on the first test episodes.
+def cell(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Cell:
+    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
 
     Raises:
-        LookupError: there is no such row, or more than one.
+        LookupError: there is no such row, or see `results.pool`.
     """
-    wanted = {"method": "gem", "task": task, "tables": tables, "split": "test", "start": 0} | condition._asdict()
-    rows = [row for row in evaluate.read_rows(OUT) if wanted.items() <= row.items()]
-    if len(rows) != 1:
-        raise LookupError(f"there must be one row of {task} with {condition} in {OUT.name}, found {len(rows)}")
-    row = rows[0]
-    rewards = np.array([[row["rewards"][index] for index in sorted(row["rewards"], key=int)]])
-    return Cell(rewards, row["mean"], tuple(row["ci95"]), row["train_cpu_seconds"])
+    wanted = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    wanted |= condition._asdict()
+    shown = ("tables", "world", "poses", "shift", "turn")
+    return results.pool(results.select(results.read_rows(results.results_file(task)), wanted, shown), identity=IDENTITY)
 
 
 def main() -> None:
     """Command line: see ``python -m gem_lite.evaluate_mobile --help``."""
     parser = argparse.ArgumentParser(
-        description="Measure a policy over several tables; prints the mean with its 95 % interval and files the rows.",
+        description="Measure a policy over several tables; prints the mean with its 95 % interval and writes the rows.",
         epilog="example: python -m gem_lite.evaluate_mobile data/gem-object-sorting.safetensors --curve",
     )
     parser.add_argument("checkpoint", type=Path)
@@ -173,31 +166,34 @@ def main() -> None:
     parser.add_argument("--curve", action="store_true", help="also with injected errors of the poses")
     parser.add_argument("--clip", default=str(clip.DATA / "clip-sorting"), help="default: the embedded one for sorting")
     parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--out", type=Path, default=OUT, help="results file")
+    parser.add_argument("--world", default="home", help=f"one of {', '.join(WORLDS)} (default home)")
+    results.add_output(parser)
     args = parser.parse_args()
     conditions = [Condition("tags"), Condition("truth"), *(CURVE if args.curve else ())]
     for task in args.tasks:
+        out = results.output(args, results.family(task))
         try:
+            card = read_card(args.checkpoint)
+            facts = {
+                "method": methods.canonical(card["method"]), "task": task, "tables": args.tables, "world": args.world,
+                "split": args.split, "start": args.start, **results.facts_of(card, methods.of_card(card)[1]),
+            }  # fmt: skip
+            expected = [facts | condition._asdict() | {"episodes": args.episodes} for condition in conditions]
+            results.check_rows(expected, out, IDENTITY)  # Before hours of measuring, not after them.
             found = measure(
                 args.checkpoint, task, args.episodes, conditions, args.split, args.start, args.clip, args.tables,
-                args.processes,
+                args.processes, args.world,
             )  # fmt: skip
-            card = read_card(args.checkpoint)
+            rows = rows_of(found, conditions, facts)
+            for row in rows:
+                print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
+            for one in found:
+                for error in one.errors:
+                    print(f"episode {one.index}: {error}")
+            results.file_rows(rows, out, IDENTITY)
         except (OSError, ValueError) as error:
             parser.exit(2, f"{error}\n")
-        facts = {
-            "method": card["method"], "task": task, "tables": args.tables, "split": args.split, "start": args.start,
-            **{name: card.get(name) for name in ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware")},
-            "config": card["config"]["name"], "steps": card["config"]["steps"],
-            "clip": card["clip"]["name"], "checkpoint_sha256": card["sha256"],
-        }  # fmt: skip
-        rows = rows_of(found, conditions, facts)
-        for row in rows:
-            print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
-        for one in found:
-            for error in one.errors:
-                print(f"episode {one.index}: {error}")
-        evaluate.file_rows(rows, args.out, IDENTITY)
+        print(f"the rows are in {out}")
 
 
 if __name__ == "__main__":

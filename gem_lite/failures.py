@@ -9,13 +9,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet as p
 
 from gem_lite.policy import Choice, PickPlacePolicy
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.tasks import ExpertAction
-from gem_lite.tabletop.world import World
+from gem_lite.tabletop.world import World, body_at
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class Failure:
 
 def thing_at(world: World, pose: Pose2) -> str:
     """The task's name of what lies topmost at a pose, or "table"."""
-    hit = p.rayTest((pose.x, pose.y, 0.5), (pose.x, pose.y, -0.01), physicsClientId=world.client)[0]
-    return world.task.names.get(hit[0], "table")
+    return world.task.names.get(body_at(world, pose), "table")
 
 
 def reason(choice: Choice, expert: ExpertAction, wanted: tuple[str, str], found: tuple[str, str], grasped: bool) -> str:

@@ -112,10 +112,11 @@ def conjuncts(phrase: str) -> tuple[str, ...]:
     Raises:
         ValueError: the phrase is empty, or "and" or a comma joins nothing.
     """
-    if "and" not in phrase.lower().split() and phrase.strip():
+    words = _TOKEN.findall(phrase.lower())
+    if words and "and" not in words:
         return (phrase,)
-    text = " ".join(_TOKEN.findall(phrase.lower())).replace(" , and ", " and ")
-    members = [_without_determiner(part.split()) for part in re.split(r" and | , ", f" {text} ")]
+    text = f" {' '.join(words)} ".replace(" , and ", " and ")
+    members = [_without_determiner(part.split()) for part in re.split(r" and | , ", text)]
     if not all(members):
         raise ValueError(f"phrase must name a thing on both sides of 'and', got {phrase!r}")
     noun = members[-1]
@@ -209,8 +210,10 @@ class _Reader:
             return not (member and begins) or self.joint(self.at) > 0
         if word in DETERMINERS:
             return bool(before) and before not in ("of", "and", ",", *DETERMINERS) and word != "one"
+        if word in _SIDES and after == "of":
+            return True
         if word == "of":
-            return not before or before in _SIDES or not after
+            return not before or not after
         if word == "with":
             return not before or not after or after in DETERMINERS
         adverb = word.endswith("ly") and word not in _NAMES_IN_LY

@@ -14,17 +14,16 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import clip, colors, config, crop_memory, demonstrations, language, semantic_map
+from gem_lite import clip, colors, config, crop_memory, demonstrations, language, results, semantic_map, statistics
 from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.crop_memory import CropEntry, CropMemory
-from gem_lite.evaluate import CHUNK, RESULTS, Episode, file_rows, mean_and_interval, result_row, results_file
+from gem_lite.evaluate import CHUNK, Episode
 from gem_lite.se2 import Pose2
 from gem_lite.semantic_map import SceneEmbedding
 from gem_lite.tabletop import shapes, tasks
@@ -54,8 +53,8 @@ PACKING = ("packing-shapes-seen", "packing-shapes-unseen")
 """Tasks whose episodes the map can be asked about: what the map alone would pick, as a method's rows."""
 METHOD = "map-pointing"
 """The name of those rows."""
-IDENTITY = ("kind", "scenes", "map", "fingerprint", "config")
-"""A row of the results replaces the older one that agrees in these."""
+IDENTITY = ("kind", "scenes", "map", "world", "clip_fingerprint", "config", "config_hash", "crops", "plateau")
+"""What names a row of the results."""
 
 
 @dataclass(frozen=True)
@@ -296,24 +295,26 @@ def demonstrated_crops(kind: str, model: Clip, settings: Config = config.LITE) -
 
 
 def rate(found: Sequence[Pointing], hit: Callable[[Pointing], bool]) -> dict | None:
-    """Percent of hits with their 95 % interval, by bootstrap over scenes; None if nothing was pointed at.
+    """Percent of hits with their 95 % interval over scenes (`statistics.mean_and_interval`); None without any pointing.
 
-    A scene counts as the mean of its phrases.
+    A scene counts as the mean of its phrases. ``by_scene`` holds it by the scene's seed.
     """
     scenes = defaultdict(list)
     for pointing in found:
         scenes[pointing.seed].append(hit(pointing))
     if not scenes:
         return None
-    mean, interval = mean_and_interval([float(np.mean(hits)) for hits in scenes.values()])
-    return {"mean": mean, "ci95": list(interval)}
+    shares = {seed: float(np.mean(hits)) for seed, hits in scenes.items()}
+    mean, interval = statistics.mean_and_interval(list(shares.values()))
+    by_scene = {str(seed): round(share, 4) for seed, share in shares.items()}
+    return {"mean": mean, "ci95": list(interval), "interval": statistics.INTERVAL, "by_scene": by_scene}
 
 
 def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]:
     """One row of the results per map.
 
     ``without_crop`` counts phrases for which there is no such map; the fused map's ``missed`` lists the
-    (seed, phrase) that it was not near.
+    (seed, phrase) that it was not near; ``episodes`` counts all scenes, ``scene_count`` those that the map answered.
     """
     asked, seeds = len({(p.seed, p.phrase) for p in found}), [p.seed for p in found]
     rows = []
@@ -322,7 +323,8 @@ def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]
         rows.append({
             "kind": "pointing", "scenes": kind, "map": name,
             NEAR: rate(its, lambda p: p.near), "exact": rate(its, lambda p: p.exact),
-            "scene_count": len({p.seed for p in its}), "phrases": len(its), "without_crop": asked - len(its),
+            "episodes": len(set(seeds)), "scene_count": len({p.seed for p in its}),
+            "phrases": len(its), "without_crop": asked - len(its),
             "missed": [[p.seed, p.phrase] for p in its if not p.near] if name == "fused" else None,
             "seeds": [min(seeds), max(seeds)], **facts, "plateau": semantic_map.PLATEAU,
             "date": datetime.now(UTC).date().isoformat(),
@@ -333,7 +335,7 @@ def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]
 def main() -> None:
     """Command line: see ``python -m gem_lite.pointing --help``."""
     parser = argparse.ArgumentParser(
-        description="Play the pointing game with every kind of semantic map; prints and files one row a map.",
+        description="Play the pointing game with every kind of semantic map; prints and writes one row a map.",
         epilog="examples:\n  python -m gem_lite.pointing --scenes 200 --kind shapes"
         "\n  python -m gem_lite.pointing --scenes 100 --task packing-shapes-unseen",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -342,28 +344,37 @@ def main() -> None:
     parser.add_argument("--kind", choices=KINDS, help="which scenes (default: both kinds)")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
     parser.add_argument("--task", choices=PACKING, help="instead: the test episodes of this task, text map alone")
-    parser.add_argument("--out", type=Path, help="results file (default: in data/results)")
+    results.add_output(parser)
     args = parser.parse_args()
     settings = config.LITE
     try:
         scene_seeds(args.scenes)
         model = clip.load(args.clip)
-        facts = {"clip": model.name, "fingerprint": model.fingerprint, "config": settings.name}
+        facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
+        facts |= {"world": "home"}
         if args.task:
-            facts |= {"split": "test", "start": 0} | dict.fromkeys(("demos", "seed", "train_cpu_seconds"))
-            row = result_row(METHOD, args.task, play_packing(args.task, args.scenes, model, settings), "all", facts)
-            file_rows([row], args.out or results_file(args.task))
+            out = results.output(args, results.family(args.task))
+            facts |= {"split": "test", "start": 0}
+            expected = {"method": METHOD, "task": args.task, "subset": "all", **facts, "episodes": args.scenes}
+            results.check_rows([expected], out)
+            found = play_packing(args.task, args.scenes, model, settings)
+            row = results.result_row(METHOD, args.task, found, "all", facts)
+            results.file_rows([row], out)
             print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
+            print(f"the row is in {out}")
             return
+        out = results.output(args, "pointing")
+        facts = {name: facts[name] for name in ("world", "clip", "clip_fingerprint", "config", "config_hash")}
         for kind in [args.kind] if args.kind else KINDS:
             memory = demonstrated_crops(kind, model, settings)
             found = play(kind, args.scenes, memory, args.clip, settings)
             rows = result_rows(kind, found, {**facts, "crops": len(memory.entries)})
-            file_rows(rows, args.out or RESULTS / "pointing.jsonl", IDENTITY)
+            results.file_rows(rows, out, IDENTITY)
             for row in rows:
                 rates = (row[key] and "{mean} {ci95}".format(**row[key]) for key in (NEAR, "exact"))
                 print("{scenes}, {map}: near {}, exact {}, {phrases} phrases".format(*rates, **row), end=", ")
                 print("{without_crop} more had no crop".format(**row))
+        print(f"the rows are in {out}")
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
 

@@ -20,7 +20,7 @@ from tqdm import trange
 
 from gem_lite import language
 from gem_lite.clip import Clip
-from gem_lite.config import Config
+from gem_lite.config import ABLATIONS, Config
 from gem_lite.crop_memory import CropMemory
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.se2 import Action, Pose2, angle_bins
@@ -195,11 +195,17 @@ class PickPlacePolicy(ABC):
         method: the method's name, without what its configuration switches off.
         pick, place: its two trainable modules.
         memory: the demonstrations' crops, for a method that retrieves them.
+
+    Raises:
+        ValueError: the configuration has an ablation that means nothing for this method.
     """
 
     method: ClassVar[str]
 
     def __init__(self, config: Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0) -> None:
+        for ending in config.ablations:
+            if self.method not in ABLATIONS[ending].methods:
+                raise ValueError(f"{ending} changes nothing of {self.method}: it must not name it")
         self.config, self.clip, self.memory = config, clip, memory
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)

@@ -205,11 +205,17 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
 
 
 def read_card(path: Path) -> dict:
-    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing."""
+    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
     for needed in (path, path.with_suffix(".json")):
         if not needed.exists():
             raise FileNotFoundError(f"the checkpoint {path} is not complete: {needed} is missing")
-    return json.loads(path.with_suffix(".json").read_text())
+    card_file = path.with_suffix(".json")
+    card = demonstrations.read_json(card_file.read_bytes(), card_file)
+    needed_types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
+    wrong = [key for key, kind in needed_types.items() if not isinstance(card.get(key), kind)]
+    if wrong:
+        raise ValueError(f"{card_file} is no whole description of a checkpoint: see its {', '.join(wrong)}")
+    return card
 
 
 def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
@@ -227,28 +233,36 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
-    found = Config.from_dict(card["config"])
+    try:
+        method, found = methods.of_card(card)
+    except ValueError as error:
+        raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
     if settings is not None and settings != found:
         old, new = found.as_dict(), settings.as_dict()
         differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
         raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
-    method = card["method"].removesuffix(found.variant)
-    if method not in methods.METHODS:
-        raise ValueError(f"the checkpoint {path} holds the unknown method {card['method']!r}")
-    if card["clip"]["fingerprint"] != model.fingerprint:
+    if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
-            f"the checkpoint {path} was trained with the CLIP {card['clip']['name']!r}, "
+            f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
             f"not with the weights of {model.name!r}"
         )
-    tensors = safetensors.torch.load(content)
-    memory = None
-    if card["memory"]:
-        memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-    policy = methods.METHODS[method](found, model, memory)
-    with torch.no_grad():
-        for role, module in policy.modules.items():
-            for name, value in module.named_parameters():
-                value.copy_(tensors[f"{role}.{name}"])
+    try:
+        tensors = safetensors.torch.load(content)
+        memory = None
+        if card["memory"]:
+            memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
+        policy = method(found, model, memory)
+        with torch.no_grad():
+            for role, module in policy.modules.items():
+                for name, value in module.named_parameters():
+                    weight = tensors[f"{role}.{name}"]
+                    if weight.shape != value.shape or not torch.isfinite(weight).all():
+                        raise ValueError(f"{role}.{name} must be finite and of shape {tuple(value.shape)}")
+                    value.copy_(weight)
+    except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
+        raise ValueError(
+            f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
+        ) from error
     return policy
 
 
@@ -271,9 +285,7 @@ def main() -> None:
     )
     parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.demonstrations collect")
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
-    parser.add_argument(
-        "--method", choices=methods.NAMES, metavar="METHOD", default="gem", help="see below; default gem"
-    )
+    parser.add_argument("--method", default="gem", help="see below; default gem")
     parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
     parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
     parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")

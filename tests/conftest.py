@@ -7,6 +7,7 @@ import tempfile
 _CACHE = tempfile.TemporaryDirectory(prefix="gem-lite-tests-")
 os.environ["HF_HUB_OFFLINE"] = "1"
 os.environ["XDG_CACHE_HOME"] = _CACHE.name
+os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
 

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import types
 
 import numpy as np
@@ -74,14 +75,73 @@ def test_names_and_configurations_belong_together():
         method, config = methods.find(f"gem-{ending}", LITE)
         assert method is Policy
         assert config.variant == f"-{ending}"
-        assert config == dataclasses.replace(LITE, **ablation.changes) != LITE
+        assert config == dataclasses.replace(LITE, **ablation.changes, ablations=(ending,)) != LITE
         assert Config.from_dict(config.as_dict()) == config
-    both = LITE.ablated("without-parsing").ablated("without-image-map")
-    assert both.variant == "-without-image-map-without-parsing"
     with pytest.raises(ValueError, match="multi-view, single-view, none, got 'two-view'"):
         dataclasses.replace(LITE, semantic_map="two-view")
     with pytest.raises(ValueError, match="steerable, unrotated, free"):
         dataclasses.replace(LITE, kernels="rigid")
+
+
+def test_several_ablations_have_one_name_in_any_order():
+    one, other = "gem-without-image-map-without-parsing", "gem-without-parsing-without-image-map"
+    assert methods.find(one, LITE) == methods.find(other, LITE)
+    assert methods.find(other, LITE)[1] == LITE.ablated("without-parsing").ablated("without-image-map")
+    assert methods.canonical(other) == methods.canonical(one) == one
+    assert methods.split("cliport-grounded-without-parsing") == ("cliport-grounded", ("without-parsing",))
+
+
+@pytest.mark.parametrize(
+    "name", ["gem-", "gemini", "gem-without-a-clue", "gem-without-parsing-at-all", "cliport-without-steerable-kernel"]
+)
+def test_endings_that_mean_nothing_are_refused(name):
+    with pytest.raises(ValueError, match=rf"method must be one of gem, .* got '{name}'"):
+        methods.find(name, LITE)
+
+
+def test_endings_that_contradict_each_other_are_refused(model):
+    for ending, other in (("with-single-view", "without-semantic-map"), ("without-semantic-map", "with-single-view")):
+        with pytest.raises(ValueError, match=r"needs semantic_map = .* cannot be combined"):
+            methods.find(f"gem-{ending}-{other}", LITE)
+        with pytest.raises(ValueError, match=r"needs semantic_map = .* cannot be combined"):
+            LITE.ablated(ending).ablated(other)
+    with pytest.raises(ValueError, match="without-steerable-kernel changes nothing of cliport"):
+        methods.METHODS["cliport"](SMALL.ablated("without-steerable-kernel"), model)
+    with pytest.raises(ValueError, match=r"ending must be one of .* got 'without-a-clue'"):
+        LITE.ablated("without-a-clue")
+
+
+def test_a_value_names_no_method(model, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    plain = Policy(dataclasses.replace(SMALL, image_weight=0.0), model)
+    assert plain.name == "gem"
+    save_policy(plain, path, {})
+    assert load_policy(path, model).name == train.read_card(path)["method"] == "gem"
+    # A card of before configurations held their ablations: the name alone says them.
+    card = train.read_card(path)
+    card["config"].pop("ablations")
+    path.with_suffix(".json").write_text(json.dumps({**card, "method": "gem-without-image-map"}))
+    assert load_policy(path, model).name == "gem-without-image-map"
+    path.with_suffix(".json").write_text(json.dumps({**card, "method": "gem-without-parsing"}))
+    with pytest.raises(ValueError, match="without-parsing needs parsing = False, got True"):
+        load_policy(path, model)
+
+
+def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path):
+    config = methods.find("gem-without-parsing-without-image-map", SMALL)[1]
+    policy = Policy(config, model)
+    train.train(policy, whole[1], seed=0, run=tmp_path)
+    path = tmp_path / "policy.safetensors"
+    save_policy(policy, path, {})
+    loaded = load_policy(path, model)
+    assert loaded.name == train.read_card(path)["method"] == "gem-without-image-map-without-parsing"
+    assert loaded.config == config
+
+
+def test_a_digest_stands_for_every_entry():
+    digests = {dataclasses.replace(LITE, **changes).digest for changes in ({}, {"steps": 2}, {"widths": (1, 2, 3, 4)})}
+    assert len(digests) == 3 and all(len(digest) == 12 for digest in digests)
+    assert Config.from_dict(json.loads(json.dumps(LITE.as_dict()))).digest == LITE.digest
 
 
 def test_old_configurations_are_gem():

@@ -365,3 +365,8 @@ def test_an_episode_that_is_no_number_is_refused(episode):
 def test_labels_that_pack_never_made_are_refused(model, labels):
     with pytest.raises(ValueError, match=r"labels? must|phrase must"):
         CropMemory.unpack(np.stack([picture(0)]), labels, model)
+
+
+def test_pictures_without_a_dimension_are_refused(model):
+    with pytest.raises(ValueError, match="labels must be one for each of 0 pictures"):
+        CropMemory.unpack(np.array(3, np.uint8), [{"phrase": "red block", "episode": 0}], model)

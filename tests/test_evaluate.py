@@ -1,12 +1,16 @@
-import json
+import sys
 
 import numpy as np
 import pytest
+from conftest import StagedTask
 
-from gem_lite import clip, evaluate
+from gem_lite import clip, colors, evaluate, results
 from gem_lite.config import LITE
-from gem_lite.evaluate import Episode, file_rows, mean_and_interval, result_row
-from gem_lite.tabletop import tasks
+from gem_lite.evaluate import Episode
+from gem_lite.se2 import Action, Pose2
+from gem_lite.tabletop import shapes, tasks
+from gem_lite.tabletop.world import World
+from gem_lite.train import read_card
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -37,32 +41,6 @@ def test_random_actor_scores_little_and_repeats(world):
     assert actions[0] == actions[1] != actions[2]
 
 
-def test_interval_holds_the_mean_and_shrinks():
-    rng = np.random.default_rng(0)
-    few, many = rng.random(10) < 0.8, rng.random(1000) < 0.8
-    mean, (low, high) = mean_and_interval(few)
-    assert low <= mean <= high
-    wide, (a, b) = high - low, mean_and_interval(many)[1]
-    assert b - a < wide
-
-
-def test_interval_of_equal_rewards_is_the_exact_binomial_one():
-    # Clopper-Pearson for n of n: low = (0.025)^(1/n). A bootstrap would claim certainty.
-    assert mean_and_interval([1.0] * 100) == (100.0, (96.4, 100.0))
-    assert mean_and_interval([0.0] * 32) == (0.0, (0.0, 10.9))
-
-
-def test_rows_replace_their_own_cell_only(tmp_path):
-    path = tmp_path / "rows.jsonl"
-    bad, good = ([Episode(i, reward, 1, ("red", "blue")) for i in range(4)] for reward in (0.0, 1.0))
-    facts = {"demos": 10, "seed": 0, "config": "lite", "split": "test", "start": 0}
-    file_rows([result_row("gem", TASK, bad, "all", facts), result_row("random", TASK, bad, "all", facts)], path)
-    file_rows([result_row("gem", TASK, good, "all", facts)], path)
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    assert sorted((row["method"], row["mean"]) for row in rows) == [("gem", 100.0), ("random", 0.0)]
-    assert {"task", "episodes", "ci95", "date", "config"} <= set(rows[0])
-
-
 def test_unknown_method_task_and_count_are_named():
     with pytest.raises(ValueError, match="method must be"):
         evaluate.evaluate("oracle", TASK, 1)
@@ -78,23 +56,140 @@ def test_a_learned_method_needs_its_own_checkpoint():
     shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
     with pytest.raises(ValueError, match="holds gem, not gem-without-parsing"):
         evaluate.make_actor("gem-without-parsing", LITE, shipped, None, seed=0)
+    with pytest.raises(ValueError, match=r"method must be one of gem, .*without a checkpoint: expert, expert-rounded"):
+        evaluate.make_actor("gem-without-a-clue", LITE, shipped, None, seed=0)
 
 
-def test_stored_rows_are_complete():
-    rows = [json.loads(line) for path in evaluate.RESULTS.glob("*.jsonl") for line in path.read_text().splitlines()]
-    rows = [row for row in rows if "method" in row]  # a policy's; the pointing game's have other keys
-    assert rows
-    for row in rows:
-        assert row["episodes"] > 0
-        assert row["ci95"][0] <= row["mean"] <= row["ci95"][1]
-        assert (row["method"] != "gem") or (row["demos"] and row["clip"] and row["checkpoint_sha256"])
+def test_a_world_is_chosen_by_its_name(monkeypatch):
+    looks = []
+
+    class Watched(evaluate.World):
+        def __init__(self, **arguments):
+            looks.append(arguments["style"].name)
+            super().__init__(**arguments)
+
+    monkeypatch.setattr(evaluate, "World", Watched)
+    evaluate._run_chunk(("expert", LITE, None, None, "shadows", TASK, "val", [0]))
+    assert looks == ["shadows"]
+    with pytest.raises(ValueError, match=r"world must be one of home, .* got 'mars'"):
+        evaluate.evaluate("expert", TASK, 1, world="mars")
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path):
+    """``command("expert", TASK, ...)`` runs the command line over fake episodes; the outcome is its exit code."""
+    monkeypatch.setattr(results, "RESULTS", tmp_path / "filed")
+    monkeypatch.setattr(results, "RUNS", tmp_path / "runs")
+
+    def play(method, task, episodes, split, start, **_):
+        return [Episode(start + i, 1.0, 1, ("red", "blue")) for i in range(episodes)]
+
+    def run(*words, measured=True):
+        monkeypatch.setattr(evaluate, "evaluate", play if measured else evaluate.evaluate)
+        monkeypatch.setattr(sys, "argv", ["evaluate", *words])
+        try:
+            evaluate.main()
+        except SystemExit as stopped:
+            return stopped.code
+        return 0
+
+    return run
+
+
+def test_a_smoke_run_replaces_no_filed_row(command, tmp_path, capsys):
+    filed = tmp_path / "filed" / "put-block-in-bowl.jsonl"
+    assert command("expert", TASK, "--file") == 0
+    before = filed.read_bytes()
+    assert command("expert", TASK, "--episodes", "2") == 0  # goes to runs
+    assert filed.read_bytes() == before
+    assert [row["episodes"] for row in results.read_rows(tmp_path / "runs" / filed.name)] == [2]
+    capsys.readouterr()
+    assert command("expert", TASK, "--episodes", "2", "--file") == 2
+    said = capsys.readouterr()
+    assert "holds a row over 100 episodes (method expert, task put-block-in-bowl-seen-colors" in said.err
+    assert "run at least 100 episodes" in said.err and not said.out  # before it is measured
+    assert filed.read_bytes() == before
+    assert command("expert", TASK, "--episodes", "120", "--file") == 0
+    assert [row["episodes"] for row in results.read_rows(filed)] == [120]
+    assert command("expert", TASK, "--episodes", "120", "--file", "--world", "shadows") == 0
+    assert [row["world"] for row in results.read_rows(filed)] == ["home", "shadows"]
+    assert command("expert", TASK, "--out", str(tmp_path / "own.jsonl"), "--file") == 2
+    assert command("expert", TASK, "--out", str(tmp_path / "own.jsonl")) == 0
+    assert len(results.read_rows(tmp_path / "own.jsonl")) == 1
+
+
+def test_rows_hold_the_card_of_their_policy(command, tmp_path):
+    shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
+    assert command("gem", TASK, "--checkpoint", str(shipped), "--episodes", "3", "--file") == 0
+    (row,) = results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")
+    card = read_card(shipped)
+    for name in ("demos", "seed", "train_seconds", "data_sha256"):
+        assert row[name] == card[name] is not None
+    assert row["demonstrations_world"] is None  # the card is older than the worlds' names
+    assert (row["steps"], row["config"]) == (card["config"]["steps"], "lite")
+    assert row["config_hash"] == LITE.digest
+    assert row["clip_fingerprint"] == card["clip"]["fingerprint"]
+    assert row["checkpoint_sha256"] == card["sha256"]
+    assert set(results.IDENTITY) <= row.keys()
+
+
+def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
+    for method in evaluate.SCRIPTED:
+        assert command(method, TASK, "--episodes", "1", "--file") == 0
+    rows = {row["method"]: row for row in results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")}
+    assert rows["expert"]["config_hash"] is None
+    assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == LITE.digest
+    assert all(row["steps"] is row["clip_fingerprint"] is row["seed"] is None for row in rows.values())
+
+
+def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
+    for words, said in (
+        (("expert", TASK, "--world", "mars"), "world must be one of home, "),
+        (("gem", TASK), "gem needs --checkpoint"),
+        (("gem", TASK, "--checkpoint", str(tmp_path / "none.safetensors")), "none.safetensors is missing"),
+        (("gemini", TASK), "method must be one of gem, "),
+        (("expert-rounded", "put-blocks-in-bowl"), "put-block-in-bowl-seen-colors"),
+    ):
+        assert command(*words, measured=False) == 2
+        message = capsys.readouterr().err
+        assert said in message and message.count("\n") == 1
 
 
 def test_every_task_family_has_a_results_file_of_its_own():
-    files = {name: evaluate.results_file(name).name for name in tasks.NAMES}
+    files = {name: results.results_file(name).name for name in tasks.NAMES}
     assert (
         files["put-block-in-bowl-unseen-colors"] == files["put-block-in-bowl-seen-colors"] == "put-block-in-bowl.jsonl"
     )
     assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
     assert files["block-insertion"] == "block-insertion.jsonl"
     assert len(set(files.values())) == 6
+
+
+def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(world, monkeypatch):
+    """A scripted actor: the empty table, the empty table again, the block, and the placed block once more."""
+    told = []
+
+    class OneBlock(StagedTask):
+        def placed(self, world):
+            return {self.bodies[0].id} if world.pose(self.bodies[0])[0].x > 0.55 else set()
+
+    def build(client):
+        return shapes.add_block(client, colors.rgba("red"), Pose2(0.4, 0.0))
+
+    picks = [Pose2(0.3, 0.3), Pose2(0.3, 0.35), Pose2(0.4, 0.0), Pose2(0.6, 0.0)]
+
+    def actor(world, observation, empty_picks):
+        told.append(list(empty_picks))
+        return Action(picks[len(told) - 1], Pose2(0.6, 0.0))
+
+    monkeypatch.setattr(evaluate.tasks, "make", lambda name, split: OneBlock([build], lambda poses: 0.0, 4))
+    monkeypatch.setattr(World, "observe", lambda self: None)
+    episode = evaluate.run_episode(world, actor, "staged", "val", 0)
+    assert told == [[], picks[:1], picks[:2], []]
+    assert (episode.placed_decisions, episode.retaken) == (1, 1)
+
+
+def test_a_checkpoint_for_another_table_is_refused():
+    checkpoint = clip.DATA / "gem-object-sorting.safetensors"
+    with pytest.raises(ValueError, match=r"a table 1.06 m long; the task's is 1.0 m"):
+        evaluate.evaluate("gem", TASK, 1, checkpoint=checkpoint, clip_name=str(clip.DATA / "clip-sorting"))

@@ -214,7 +214,7 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
 
     assert [recolors(name, SMALL) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem", SMALL.ablated("without-semantic-map"))
-    assert not any(recolors(name, SMALL.ablated("without-recoloring")) for name in methods.METHODS)
+    assert not any(recolors(name, dataclasses.replace(SMALL, recolor=False)) for name in methods.METHODS)
 
 
 def test_rescaling_changes_maps_alone_and_keeps_their_order():

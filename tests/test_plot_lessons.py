@@ -23,7 +23,7 @@ def close():
 
 
 def cells(*means):
-    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0) for mean in means]
+    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0, (0, 1, 2, 3)) for mean in means]
 
 
 def test_stages_keep_pictures_and_maps_apart():

@@ -1,13 +1,12 @@
 import dataclasses
 import itertools
-import json
 import sys
 
 import numpy as np
 import pytest
 from shapely.geometry import Point
 
-from gem_lite import calibration, clip, colors, crop_memory, evaluate, pointing
+from gem_lite import calibration, clip, colors, crop_memory, pointing, results
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory
 from gem_lite.pointing import Pointing, lay_out, point
@@ -184,23 +183,30 @@ def test_rates_of_known_outcomes():
 
 def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
     path = tmp_path / "pointing.jsonl"
+
+    def rows_of(fingerprint, hit, seeds=(3, 4)):
+        found = [Pointing(s, "red block", m, 0, 0, 0.5 - 0.5 * hit, "", hit) for s in seeds for m in pointing.MAPS]
+        facts = {"world": "home", "clip": "tiny", "clip_fingerprint": fingerprint, "config": "lite"}
+        return pointing.result_rows("bowls", found, facts | {"config_hash": LITE.digest, "crops": 2})
+
     for fingerprint, hit in (("a", False), ("b", False), ("a", True)):
-        found = [Pointing(s, "red block", m, 0, 0, 0.5 - 0.5 * hit, "", hit) for s in (3, 4) for m in pointing.MAPS]
-        facts = {"clip": "tiny", "fingerprint": fingerprint, "config": "lite"}
-        evaluate.file_rows(pointing.result_rows("bowls", found, facts), path, pointing.IDENTITY)
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
+        results.file_rows(rows_of(fingerprint, hit), path, pointing.IDENTITY)
+    rows = results.read_rows(path)
     assert len(rows) == 2 * len(pointing.MAPS)
     for row in rows:
-        expected = 100.0 * (row["fingerprint"] == "a")
+        expected = 100.0 * (row["clip_fingerprint"] == "a")
         assert row["exact"]["mean"] == row["within_20mm"]["mean"] == expected
+        assert row["exact"]["by_scene"] == {"3": expected / 100, "4": expected / 100}
         assert (row["kind"], row["scenes"], row["scene_count"], row["seeds"]) == ("pointing", "bowls", 2, [3, 4])
+    with pytest.raises(ValueError, match=r"holds a row over 2 episodes \(kind pointing, scenes bowls, map fused"):
+        results.file_rows(rows_of("a", True, seeds=(3,)), path, pointing.IDENTITY)
 
 
 def test_scenes_are_in_no_evaluation_and_no_calibration():
     seeds = set(pointing.scene_seeds(1000))
     assert len(seeds) == 1000
     assert not seeds & {tasks.episode_seed("val", index) for index in range(calibration.SCENES)}
-    rows = [json.loads(line) for line in (evaluate.RESULTS / "put-block-in-bowl.jsonl").read_text().splitlines()]
+    rows = results.read_rows(results.results_file("put-block-in-bowl-seen-colors"))
     assert rows
     for row in rows:
         # A subset holds fewer episodes than were run, so look as far as the largest.

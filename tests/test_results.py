@@ -1,30 +1,44 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gem_lite import evaluate, experiments, failures, methods, results
-from gem_lite.evaluate import Episode, mean_and_interval, result_row
+from gem_lite import clip, evaluate, evaluate_mobile, experiments, failures, methods, pointing, results, statistics
+from gem_lite.config import LITE
+from gem_lite.evaluate import Episode
 from gem_lite.experiments import PLAN, Experiment
 from gem_lite.policy import Choice
+from gem_lite.results import result_row
 from gem_lite.se2 import Action, Pose2
+from gem_lite.statistics import mean_and_interval
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.tasks import ExpertAction
 
 TASK = "put-block-in-bowl-seen-colors"
 
 
+FACTS = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, LITE)}
+FACTS |= {"demos": 10, "seed": 0, "steps": LITE.steps, "checkpoint_sha256": "a", "train_cpu_seconds": 100.0}
+
+
+def row_of(rewards, task=TASK, **facts):
+    found = [Episode(i, float(value), 1, ()) for i, value in enumerate(rewards)]
+    return result_row("gem", task, found, "all", FACTS | facts)
+
+
+def file(*rows):
+    results.file_rows(rows, results.results_file(rows[0]["task"]))
+
+
 @pytest.fixture
 def stored(tmp_path, monkeypatch):
     """Three training seeds of 40 episodes each, as rows in a folder of their own."""
-    monkeypatch.setattr(evaluate, "RESULTS", tmp_path)
+    monkeypatch.setattr(results, "RESULTS", tmp_path)
     rng = np.random.default_rng(0)
     rewards = rng.random((3, 40)) < np.array([[0.9], [0.8], [0.4]])
     for seed, values in enumerate(rewards):
-        found = [Episode(i, float(value), 1, ()) for i, value in enumerate(values)]
-        facts = {"split": "test", "start": 0, "demos": 10, "seed": seed, "steps": 1500}
-        facts["train_cpu_seconds"] = 100.0 + seed
-        evaluate.file_rows([result_row("gem", TASK, found, "all", facts)], evaluate.results_file(TASK))
+        file(row_of(values, seed=seed, checkpoint_sha256=f"sha-{seed}", train_cpu_seconds=100.0 + seed))
     return rewards
 
 
@@ -32,52 +46,117 @@ def test_a_cell_pools_the_training_seeds(stored):
     found = results.cell("gem", TASK)
     assert np.array_equal(found.rewards, stored)
     assert found.mean == pytest.approx(100 * stored.mean(), abs=0.05)
+    assert found.interval == mean_and_interval(stored)[1]
     assert found.cpu_seconds == 101.0
+    assert found.episodes == tuple(range(40))
     assert results.cell("gem", TASK, episodes=10).rewards.shape == (3, 10)
-    with pytest.raises(LookupError, match="no row of gem"):
+    assert results.cell("gem", TASK, seed=1).rewards.shape == (1, 40)
+
+
+def test_a_cell_that_is_not_there_says_what_is(stored):
+    with pytest.raises(LookupError, match=r"no row with .*steps 300\. There are: .*steps 1500, world home"):
         results.cell("gem", TASK, steps=300)
-
-
-def test_seeds_that_disagree_widen_the_interval(stored):
-    def width(rewards):
-        low, high = mean_and_interval(rewards)[1]
-        return high - low
-
-    assert width(stored) > 1.5 * width(np.repeat(stored.reshape(1, -1), 1, axis=0))
-    # Copies of one seed carry no new episodes: the interval stays as it is.
-    assert width(np.repeat(stored[:1], 3, axis=0)) == pytest.approx(width(stored[0]), abs=1.0)
-
-
-def test_bootstrap_agrees_with_drawing_by_hand(stored):
-    rng = np.random.default_rng(1)
-    by_hand = [stored[rng.integers(3, size=3)][:, rng.integers(40, size=40)].mean() for _ in range(4000)]
-    low, high = mean_and_interval(stored)[1]
-    # The tails are draws of one seed three times over (1 of 27), so their ends are rough.
-    assert [low, high] == pytest.approx(100 * np.percentile(by_hand, [2.5, 97.5]), abs=4)
-
-
-def test_missing_and_unlike_rows_are_named(stored):
-    with pytest.raises(LookupError, match="no row of cliport with 10"):
+    with pytest.raises(LookupError, match=r"no row with .*world home, old camera.* There are: .*world home"):
+        results.cell("gem", TASK, world=results.OLD_CAMERA)
+    with pytest.raises(LookupError, match=r"no row with method cliport.* There are: method gem, demos 10"):
         results.cell("cliport", TASK)
-    path = evaluate.results_file(TASK)
-    rows = evaluate.read_rows(path)
+    with pytest.raises(LookupError, match="There are: none of this task"):
+        results.cell("gem", "bars-in-box")
+    with pytest.raises(LookupError, match="have 40 episodes, not 50"):
+        results.cell("gem", TASK, episodes=50)
+
+
+def test_rows_that_differ_in_more_than_the_seed_are_no_cell(stored):
+    file(row_of(np.ones(40), seed=3, config_hash="other"))
+    with pytest.raises(LookupError, match=f"differ in config_hash: {LITE.digest}, other; ask for one"):
+        results.cell("gem", TASK)
+    assert results.cell("gem", TASK, config_hash=LITE.digest).rewards.shape == (3, 40)
+    assert results.cell("gem", TASK, config_hash="other").mean == 100.0
+
+
+def test_two_trainings_with_one_seed_are_no_two_seeds(stored):
+    file(row_of(np.ones(40), seed=0, checkpoint_sha256="trained-again"))
+    with pytest.raises(LookupError, match=r"same training seed, of the checkpoints sha-0, sha-1, sha-2, trained-agai"):
+        results.cell("gem", TASK)
+
+
+def test_rows_of_unlike_episodes_are_no_cell(stored):
+    path = results.results_file(TASK)
+    rows = results.read_rows(path)
     rows[0]["rewards"].pop("3")
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     with pytest.raises(LookupError, match="different episodes"):
         results.cell("gem", TASK)
 
 
-def test_paired_differences_are_sharper_than_two_intervals():
-    hard = np.tile([1.0, 0.0], 25)
-    one = results.Cell(np.array([hard, hard]), 50.0, (36.0, 64.0), None)
-    less = hard.copy()
-    less[:10:2] = 0
-    other = results.Cell(less[None], 40.0, (26.0, 54.0), None)
-    mean, (low, high) = results.paired_difference(one, other)
-    assert mean == pytest.approx(10.0) and 0 < low < mean < high < 22
-    assert results.paired_difference(one, one) == (0.0, (0.0, 0.0))
-    with pytest.raises(ValueError, match="same episodes, got 50 and 10"):
-        results.paired_difference(one, results.Cell(less[None, :10], 0.0, (0.0, 0.0), None))
+@pytest.mark.parametrize("name", results.IDENTITY)
+def test_everything_that_changes_a_row_names_it(stored, name):
+    path = results.results_file(TASK)
+    before = results.read_rows(path)
+    same = row_of(np.ones(40), checkpoint_sha256="sha-0")
+    results.file_rows([same | {name: "another"}], path)
+    assert results.read_rows(path)[:-1] == before
+    results.file_rows([same], path)
+    assert len(results.read_rows(path)) == len(before) + 1
+
+
+def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kind(stored):
+    path = results.results_file(TASK)
+    before = path.read_bytes()
+    same = {"seed": 1, "checkpoint_sha256": "sha-1"}
+    with pytest.raises(ValueError, match=r"holds a row over 40 episodes \(method gem, .*seed 1, .*over 39 does not"):
+        file(row_of(np.ones(3), seed=7), row_of(np.ones(39), **same))
+    assert path.read_bytes() == before  # nothing of the two was written
+    old_kind = row_of(np.ones(100), **same)
+    del old_kind["world"], old_kind["config_hash"]
+    with pytest.raises(ValueError, match=r"lacks world, config_hash: measure it again"):
+        file(old_kind)
+    assert path.read_bytes() == before
+    file(row_of(np.zeros(40), **same))
+    assert results.cell("gem", TASK, seed=1).mean == 0.0
+    file(row_of(np.ones(41), **same))
+    assert results.cell("gem", TASK, seed=1).rewards.shape == (1, 41)
+    assert len(results.read_rows(path)) == 3
+
+
+def test_stored_rows_are_complete():
+    rows = [row for path in results.RESULTS.glob("*.jsonl") for row in results.read_rows(path)]
+    assert len(rows) > 100
+    for row in rows:
+        assert {"world", "config", "config_hash", "clip", "clip_fingerprint", "episodes", "date"} <= row.keys()
+        assert row["config_hash"] or row["method"] == "expert"
+    of_policies = [row for row in rows if "method" in row]  # the pointing game's have other keys
+    for row in of_policies:
+        identity = evaluate_mobile.IDENTITY if "poses" in row else results.IDENTITY
+        assert {*identity, "demonstrations_world"} <= row.keys()
+        assert row["episodes"] == len(row["rewards"])
+        mean, interval = mean_and_interval(list(row["rewards"].values()))
+        assert row["mean"] == pytest.approx(mean, abs=0.06)  # rewards are rounded
+        assert row["ci95"] == pytest.approx(interval, abs=0.11) and row["interval"] == statistics.INTERVAL
+        learned = row["method"] not in (*evaluate.SCRIPTED, pointing.METHOD)
+        assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
+
+
+def test_no_two_stored_rows_have_one_name():
+    for path in results.RESULTS.glob("*.jsonl"):
+        identity = {"pointing": pointing.IDENTITY, "object-sorting": evaluate_mobile.IDENTITY}
+        names = [
+            tuple(row[key] for key in identity.get(path.stem, results.IDENTITY)) for row in results.read_rows(path)
+        ]
+        assert len(set(names)) == len(names)
+
+
+def test_pairs_are_of_the_same_episodes(stored):
+    one = results.cell("gem", TASK)
+    found = results.paired_difference(one, results.cell("gem", TASK, seed=2))
+    assert found == statistics.paired_difference(stored, stored[2]) and found.seeds == (3, 1)
+    file(row_of(np.ones(50), task="put-block-in-bowl-unseen-colors"))
+    row = results.read_rows(results.results_file(TASK))[-1]
+    moved = row | {"rewards": {str(int(index) + 10): reward for index, reward in row["rewards"].items()}}
+    for other in (row, moved):
+        # As many episodes, or not, they are not the same ones.
+        with pytest.raises(ValueError, match=r"same episodes, got 40 episodes \(0 to 39\) and"):
+            results.paired_difference(one, results.pool([other], 40 if other is moved else None))
 
 
 def test_the_plan_holds_each_experiment_once_and_what_the_comparison_needs():
@@ -94,26 +173,103 @@ def test_an_experiment_is_measured_on_the_unseen_variant_too():
     assert Experiment("gem", "block-insertion").measured_on == ("block-insertion",)
 
 
-def test_commands_train_unless_there_is_a_checkpoint(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiments, "FOLDER", tmp_path)
+@pytest.fixture
+def card(tmp_path, monkeypatch):
+    """Writes a checkpoint of an experiment that holds nothing but its card; entries may be given."""
+    monkeypatch.setattr(experiments, "FOLDER", tmp_path / "experiments")
+
+    def write(experiment, **other):
+        told = {
+            "method": experiment.method, "config": experiment.config.as_dict(), "demos": experiment.demos,
+            "clip": {"name": "embedded clip-tabletop", "fingerprint": clip.load().fingerprint},
+            "seed": experiment.seed, "demonstrations_world": experiment.demonstrations_world, "sha256": "sha-of-it",
+        }  # fmt: skip
+        experiment.checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        experiment.checkpoint.write_bytes(b"")
+        experiment.checkpoint.with_suffix(".json").write_text(json.dumps(told | other))
+
+    return write
+
+
+def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
     experiment = Experiment("cliport", TASK, demos=5, seed=2)
     trained, *measured = experiment.commands()
-    assert trained[0] == "gem_lite.train" and trained[-2:] == ["--run", str(tmp_path / "state" / experiment.name)]
+    state = tmp_path / "experiments" / "state" / experiment.name
+    assert trained[0] == "gem_lite.train" and trained[-2:] == ["--run", str(state)]
     assert [command[2] for command in measured] == list(experiment.measured_on)
-    experiment.checkpoint.write_bytes(b"")
+    card(experiment)
     assert experiment.commands() == measured
     assert [command[0] for command in Experiment("random", TASK).commands()] == ["gem_lite.evaluate"] * 2
 
 
-def test_an_experiment_is_done_when_every_task_has_its_row(stored):
-    assert not Experiment("gem", TASK, episodes=40).done()  # the unseen variant is missing
-    rows = [
-        row | {"task": "put-block-in-bowl-unseen-colors"} for row in evaluate.read_rows(evaluate.results_file(TASK))
+def test_a_checkpoint_of_another_training_is_not_measured(card):
+    experiment = Experiment("cliport", TASK, demos=5, seed=2)
+    for entries, said in (
+        ({"demonstrations_world": None}, "demonstrations_world: None there, varied wanted"),
+        ({"demos": 10}, "demos: 10 there, 5 wanted"),
+        ({"config": LITE.as_dict() | {"steps": 7}}, "config_hash: "),
+        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint: 0 there"),
+    ):
+        card(experiment, **entries)
+        with pytest.raises(RuntimeError, match=f"comes from another training than {experiment.name} .*{said}"):
+            experiment.commands()
+
+
+def test_the_demonstrations_world_names_the_files_where_it_is_not_the_plans(tmp_path, monkeypatch):
+    plain, home = Experiment("cliport", TASK), Experiment("cliport", TASK, demonstrations_world="home")
+    assert plain.demonstrations_world == experiments.DEMONSTRATIONS_WORLD
+    assert home.name == f"{plain.name}-home" and home.checkpoint != plain.checkpoint and home.rows != plain.rows
+    assert Experiment("gem", TASK).shipped
+    assert not any(
+        Experiment("gem", TASK, **other).shipped for other in ({"demonstrations_world": "home"}, {"seed": 1})
+    )
+    monkeypatch.setattr(experiments, "FOLDER", tmp_path)
+    asked = []
+    monkeypatch.setattr(experiments.subprocess, "run", lambda command, check: asked.append(command[2:]))
+    experiments.collect([plain, home, Experiment("gem", TASK, demos=20), Experiment("expert", TASK)])
+    folders = [str(experiments.demonstrations_of(TASK, world)) for world in ("varied", "home")]
+    assert len(set(folders)) == 2
+    assert asked == [
+        ["gem_lite.demonstrations", "collect", TASK, folder, "--episodes", count, "--world", world]
+        for folder, count, world in zip(folders, ("20", "10"), ("varied", "home"), strict=True)
     ]
-    evaluate.file_rows(rows, evaluate.results_file(TASK))
-    assert Experiment("gem", TASK, episodes=40).done()
-    assert not Experiment("gem", TASK, episodes=100).done()
-    assert not Experiment("gem", TASK, demos=5, episodes=40).done()
+
+
+def test_an_experiment_is_done_when_every_task_has_its_row(card, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "RESULTS", tmp_path / "filed")
+    experiment = Experiment("gem", TASK, demos=5, episodes=40)
+    named = {"demos": 5, "clip_fingerprint": clip.load().fingerprint, "demonstrations_world": "varied"}
+    unseen = "put-block-in-bowl-unseen-colors"
+    file(row_of(np.ones(40), **named))
+    assert not experiment.done()  # the unseen variant is missing
+    for other in (
+        {"world": "shadows"}, {"demonstrations_world": "home"}, {"config_hash": "other"},
+        {"clip_fingerprint": "other"}, {"seed": 1},
+    ):  # fmt: skip
+        file(row_of(np.ones(40), task=unseen, **(named | other)))
+        assert not experiment.done()
+    file(row_of(np.ones(40), task=unseen, **named))
+    assert experiment.done()
+    assert not replace(experiment, episodes=100).done()
+    assert not replace(experiment, demos=10).done()
+    assert not replace(experiment, demonstrations_world="other").done()
+    card(experiment)  # the rows are of another checkpoint than the one that is there
+    assert not experiment.done()
+    card(experiment, sha256="a")
+    assert experiment.done()
+
+
+def test_scripted_experiments_know_when_they_are_done(tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "RESULTS", tmp_path)
+    for method in ("expert", "expert-rounded"):
+        experiment = Experiment(method, "bars-in-box", episodes=3)
+        settings = None if method == "expert" else LITE
+        facts = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, settings)}
+        found = [Episode(i, 1.0, 1, ()) for i in range(3)]
+        file(result_row(method, "bars-in-box", found, "all", facts | {"world": "shadows"}))
+        assert not experiment.done()
+        file(result_row(method, "bars-in-box", found, "all", facts))
+        assert experiment.done()
 
 
 def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):

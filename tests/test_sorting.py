@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, clip_crops, evaluate, evaluate_mobile, mobile, plot_mobile, vocabulary
+from gem_lite import clip, clip_crops, evaluate_mobile, mobile, plot_mobile, results, vocabulary
 from gem_lite.config import LITE
 from gem_lite.evaluate_mobile import Condition, Outcome
 from gem_lite.gem import Policy
@@ -150,15 +150,22 @@ def test_a_row_for_each_condition():
 
 
 def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(evaluate_mobile, "OUT", tmp_path / "rows.jsonl")
+    monkeypatch.setattr(results, "RESULTS", tmp_path)
+    task, path = "object-sorting-seen", results.results_file("object-sorting-seen")
     conditions = [Condition("tags"), Condition("tags", 0.02)]
     found = [Outcome(i, (1.0, float(i < 5)), ()) for i in range(12)]
-    facts = {"method": "gem", "task": "t", "tables": 2, "split": "test", "start": 0, "train_cpu_seconds": 9.0}
-    evaluate.file_rows(evaluate_mobile.rows_of(found, conditions, facts), evaluate_mobile.OUT, evaluate_mobile.IDENTITY)
-    cell = evaluate_mobile.cell("t", conditions[1])
+    facts = {"method": "gem", "task": task, "tables": 2, "world": "home", "split": "test", "start": 0}
+    facts |= results.facts_of(None, LITE) | {"train_cpu_seconds": 9.0}
+    results.file_rows(evaluate_mobile.rows_of(found, conditions, facts), path, evaluate_mobile.IDENTITY)
+    cell = evaluate_mobile.cell(task, conditions[1])
     assert cell.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and cell.mean == pytest.approx(41.7)
-    with pytest.raises(LookupError, match="found 0"):
-        evaluate_mobile.cell("t", Condition("truth"))
+    with pytest.raises(LookupError, match=r"no row with .*poses truth.* There are: .*poses tags, shift 0\.02"):
+        evaluate_mobile.cell(task, Condition("truth"))
+    with pytest.raises(LookupError, match=r"no row with .*world shadows"):
+        evaluate_mobile.cell(task, conditions[1], world="shadows")
+    with pytest.raises(ValueError, match=r"holds a row over 12 episodes .*shift 0\.02"):
+        short = evaluate_mobile.rows_of(found[:3], conditions[1:], facts)
+        results.file_rows(short, path, evaluate_mobile.IDENTITY)
 
 
 def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
@@ -171,6 +178,11 @@ def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stopped:
         evaluate_mobile.main()
     assert stopped.value.code == 2 and "none.safetensors is missing" in capsys.readouterr().err
+    shipped = str(clip.DATA / "gem-object-sorting.safetensors")
+    monkeypatch.setattr(sys, "argv", ["evaluate_mobile", shipped, "--world", "mars"])
+    with pytest.raises(SystemExit) as stopped:
+        evaluate_mobile.main()
+    assert stopped.value.code == 2 and "world must be one of home" in capsys.readouterr().err
 
 
 # Drawings
@@ -197,7 +209,7 @@ def test_localisation_and_curves_are_drawn(world):
     fig = plot_mobile.show_localisation(view, mobile.find_tags(view)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert world.photograph().shape == (480, 640, 3)
-    cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None) for size in (0, 2, 4)}
+    cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
     fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}})
     assert [ax.get_xlabel() for ax in fig.axes] == ["shift (cm)", "turn (°)"]
     assert list(fig.axes[0].containers[0].lines[0].get_ydata()) == [90, 88, 86]

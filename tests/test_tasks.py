@@ -386,3 +386,27 @@ def test_suction_holds_a_bar_at_any_yaw(blind, stage):
     stage(partial(shapes.add_box, size=bars_in_box.BAR_SIZE, color=colors.rgba("red"), pose=pose))
     assert not blind.gripper.jaw
     assert blind.step(Action(pose @ Pose2(0, 0, math.pi / 2), Pose2(0.5, 0.2))).grasped
+
+
+def test_what_is_placed_is_known(blind):
+    task = tasks.make("put-block-in-bowl-seen-colors", "val")
+    index = next(i for i in range(20) if lay_out_blocks(blind, task, i) > 1)
+    lay_out_blocks(blind, task, index)
+    assert task.placed(blind) == set()
+    blind.step(task.expert(blind).action)
+    (placed,) = task.placed(blind)
+    assert task.names[placed] == f"{task.named_colors[0]} block"
+
+
+def lay_out_blocks(world, task, index):
+    """How many blocks an episode's sentence means."""
+    world.reset(task, tasks.episode_seed("val", index))
+    return sum(name == f"{task.named_colors[0]} block" for name in task.names.values())
+
+
+def test_a_pyramids_placed_blocks_are_those_of_its_sentences(blind):
+    task = tasks.make("stack-block-pyramid-seq-seen-colors", "val")
+    blind.reset(task, tasks.episode_seed("val", 0))
+    for count in range(3):
+        assert {task.names[body] for body in task.placed(blind)} == {f"{c} block" for c in task.named_colors[:count]}
+        blind.step(task.expert(blind).action)

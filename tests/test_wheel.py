@@ -19,7 +19,7 @@ from gem_lite import clip, demo, evaluate, train
 model = clip.load()
 assert model.dim > 0 and model.calibration is not None
 assert (clip.DATA / "gem-put-block-in-bowl.safetensors").exists()
-assert evaluate.read_rows(evaluate.results_file("put-block-in-bowl-seen-colors"))
+assert results.read_rows(results.results_file("put-block-in-bowl-seen-colors"))
 print(clip.DATA, clip.__file__, model.name, sep="\\n")
 """
 

@@ -210,3 +210,9 @@ class World(Simulation):
         self.task.advance(self)
         done = score > 0.99 or self.steps_taken >= self.task.max_steps
         return Step(self.observe(), score - before, done, grasped, tuple(self.gripper.trace))
+
+
+def body_at(simulation: Simulation, pose: Pose2) -> int:
+    """The id of the body that lies topmost at a pose in the world, -1 if none: the simulator's truth."""
+    hit, *_ = p.rayTest((pose.x, pose.y, 0.5), (pose.x, pose.y, -0.01), physicsClientId=simulation.client)
+    return hit[0]

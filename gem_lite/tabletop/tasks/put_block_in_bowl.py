@@ -74,6 +74,11 @@ class PutBlockInBowl(Task):
         blocks, bowls = (np.array(points) for points in xy)
         return np.linalg.norm(blocks[:, None] - bowls[None], axis=-1)
 
+    def placed(self, world: World) -> set[int]:
+        """See `Task.placed`."""
+        near = self._distances(world).min(axis=1) < TOLERANCE
+        return {block.id for block, is_near in zip(self._blocks, near, strict=True) if is_near}
+
     def score(self, world: World) -> float:
         """The share of named blocks within `TOLERANCE` of a named bowl."""
         return float((self._distances(world).min(axis=1) < TOLERANCE).mean())

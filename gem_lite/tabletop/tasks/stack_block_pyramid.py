@@ -86,6 +86,10 @@ class StackBlockPyramid(Task):
             index += 1
         return index
 
+    def placed(self, world: World) -> set[int]:
+        """See `Task.placed`."""
+        return {block.id for block in self._blocks[: self._reached(world)]}
+
     def score(self, world: World) -> float:
         """The share of the six placements done."""
         return self._reached(world) / len(SPOTS)

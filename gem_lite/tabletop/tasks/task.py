@@ -63,5 +63,9 @@ class Task(ABC):
     def expert(self, world: World) -> ExpertAction | None:
         """The next action from ground truth, or None if nothing is left to do."""
 
+    def placed(self, world: World) -> set[int]:
+        """The ids of bodies that already lie where the sentences want them: whoever picks one of them undoes work."""
+        return set()
+
     def advance(self, world: World) -> None:  # noqa: B027
         """Called after every step: where a task has several instructions, go on to the next one that is open."""

@@ -1,0 +1,276 @@
+"""A damaged file is read or refused in one sentence, and no other file suffers.
+
+One example damages one file: bytes of it, values in its JSON, or members of its archive. In half of the cases the
+sums beside it are made right again, as if another program had written the file.
+"""
+
+import copy
+import dataclasses
+import hashlib
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.numpy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gem_lite import calibration, clip, demonstrations, train
+from gem_lite.config import LITE
+from gem_lite.crop_memory import CropEntry, CropMemory, _digest
+from gem_lite.evaluate import file_rows, read_rows
+from gem_lite.gem import Policy
+
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
+)  # fmt: skip
+ROW = {
+    "method": "gem", "task": "bars-in-box", "subset": "all", "episodes": 2, "mean": 50.0, "ci95": [1.3, 98.7],
+    "split": "test", "start": 0, "demos": 10, "seed": 0, "config": "lite", "rewards": {"0": 1.0, "1": 0.0},
+}  # fmt: skip
+VALUES = st.one_of(
+    st.sampled_from([None, True, -1, 0, 10**9, 10**30, -0.5, 1e308, float("nan"), float("inf"), "", "x", [], {}, [[]]]),
+    st.text(max_size=5),
+)
+SHAPES = st.sampled_from([(), (0,), (3,), (2, 2), (1, 2, 3, 4), (2, 40, 40, 3), (5, 4)])
+TYPES = st.sampled_from(["uint8", "float32", "float64", "int64", "bool"])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def whole(demo_set, model, tmp_path_factory):
+    """A folder with one of every kind of file."""
+    folder = tmp_path_factory.mktemp("whole")
+    steps = []
+    for step in demo_set[1][0].steps[:1]:
+        views = []
+        for view in step.observation.views[:2]:
+            camera = dataclasses.replace(view.camera, size=(8, 8))
+            views.append(demonstrations.View(camera, view.rgb[:8, :8].copy(), view.depth[:8, :8].copy()))
+        steps.append(dataclasses.replace(step, observation=demonstrations.Observation(tuple(views))))
+    episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=tuple(steps)) for seed in (0, 1)]
+    demonstrations.save(episodes, folder / "demos")
+    picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
+    memory = CropMemory([CropEntry("red block", picture, 0), CropEntry("green bowl", picture[::-1], 1)], model)
+    memory.save(folder / "memory.safetensors")
+    train.save_policy(Policy(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
+    file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
+    shutil.copy(calibration.path_for(model), folder / "calibration.json")
+    return folder
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+# Damages: content to content ------------------------------------------------------------------------------
+
+
+def damaged_bytes(draw: Callable, content: bytes, other: bytes) -> bytes:
+    kind = draw(st.sampled_from(["cut", "flip", "empty", "longer", "swap"]))
+    at = draw(st.integers(0, max(0, len(content) - 1)))
+    match kind:
+        case "cut":
+            return content[:at]
+        case "flip":
+            return content[:at] + bytes([content[at] ^ draw(st.integers(1, 255))]) + content[at + 1 :]
+        case "empty":
+            return b""
+        case "longer":
+            return content + draw(st.binary(min_size=1, max_size=20))
+    return other
+
+
+def damaged_json(draw: Callable, value: object) -> object:
+    """The same with one value at any depth deleted or replaced."""
+    value = copy.deepcopy(value)
+    at = value
+    while True:
+        if not isinstance(at, dict | list) or not at:
+            return draw(VALUES)
+        key = draw(st.sampled_from(sorted(at) if isinstance(at, dict) else range(len(at))))
+        action = draw(st.sampled_from(["deeper", "deeper", "delete", "replace"]))
+        if action == "deeper" and isinstance(at[key], dict | list) and at[key]:
+            at = at[key]
+        elif action == "delete":
+            del at[key]
+            return value
+        else:
+            at[key] = draw(VALUES)
+            return value
+
+
+def damaged_arrays(draw: Callable, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    name = draw(st.sampled_from(sorted(arrays)))
+    changed = dict(arrays)
+    match draw(st.sampled_from(["delete", "shape", "nan", "swap"])):
+        case "delete":
+            del changed[name]
+        case "shape":
+            changed[name] = np.zeros(draw(SHAPES), draw(TYPES))
+        case "nan":
+            changed[name] = np.full(arrays[name].shape, np.nan, np.float32)
+        case "swap":
+            changed[name] = arrays[draw(st.sampled_from(sorted(arrays)))]
+    return changed
+
+
+# One kind of file each: damage a copy of the whole folder, then read it as a user does ---------------------------
+
+
+def damage_demonstrations(draw: Callable, folder: Path) -> None:
+    path = draw(st.sampled_from(sorted((folder / "demos").iterdir())))
+    content = path.read_bytes()
+    if path.suffix == ".json" and draw(st.booleans()):
+        path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
+    elif path.suffix == ".npz" and draw(st.booleans()):
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        if draw(st.booleans()):
+            arrays = damaged_arrays(draw, arrays)
+        else:
+            meta = damaged_json(draw, json.loads(arrays["meta"].tobytes()))
+            arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        reseal_episode(path, buffer.getvalue())
+    else:
+        content = damaged_bytes(draw, content, (folder / "memory.safetensors").read_bytes())
+        if path.suffix == ".npz" and draw(st.booleans()):
+            reseal_episode(path, content)
+        else:
+            path.write_bytes(content)
+
+
+def reseal_episode(path: Path, content: bytes) -> None:
+    manifest = json.loads((path.parent / "manifest.json").read_text())
+    path.write_bytes(content)
+    manifest["files"][path.name] = hashlib.sha256(content).hexdigest()
+    (path.parent / "manifest.json").write_text(json.dumps(manifest))
+
+
+def read_demonstrations(folder: Path, model: clip.Clip) -> None:
+    for demonstration in demonstrations.load(folder / "demos"):
+        assert isinstance(demonstration, demonstrations.Demonstration)
+        assert all(np.isfinite(step.reward) for step in demonstration.steps)
+    demonstrations.data_hash(folder / "demos", 1)
+
+
+def damage_memory(draw: Callable, folder: Path) -> None:
+    path = folder / "memory.safetensors"
+    content = path.read_bytes()
+    if draw(st.booleans()):
+        path.write_bytes(damaged_bytes(draw, content, (folder / "policy.safetensors").read_bytes()))
+        return
+    with safetensors.safe_open(path, "np") as file:
+        text = file.metadata()["entries"]
+    arrays = safetensors.numpy.load(content)
+    if draw(st.booleans()):
+        arrays = damaged_arrays(draw, arrays)
+    else:
+        text = json.dumps(damaged_json(draw, json.loads(text)))
+    sealed = _digest(arrays["images"], text) if "images" in arrays else "0"
+    path.write_bytes(safetensors.numpy.save(arrays, {"entries": text, "sha256": sealed}))
+
+
+def read_memory(folder: Path, model: clip.Clip) -> None:
+    assert len(CropMemory.load(folder / "memory.safetensors", model).entries) >= 1
+
+
+def damage_checkpoint(draw: Callable, folder: Path) -> None:
+    path, card_file = folder / "policy.safetensors", folder / "policy.json"
+    match draw(st.sampled_from(["bytes", "card's bytes", "card", "weights", "missing"])):
+        case "bytes":
+            path.write_bytes(damaged_bytes(draw, path.read_bytes(), (folder / "memory.safetensors").read_bytes()))
+        case "card's bytes":
+            card_file.write_bytes(damaged_bytes(draw, card_file.read_bytes(), path.read_bytes()))
+        case "card":
+            card_file.write_text(json.dumps(damaged_json(draw, json.loads(card_file.read_text()))))
+        case "weights":
+            content = safetensors.numpy.save(damaged_arrays(draw, safetensors.numpy.load(path.read_bytes())))
+            card = json.loads(card_file.read_text()) | {"sha256": hashlib.sha256(content).hexdigest()}
+            path.write_bytes(content)
+            card_file.write_text(json.dumps(card))
+        case "missing":
+            draw(st.sampled_from([path, card_file])).unlink()
+
+
+def read_checkpoint(folder: Path, model: clip.Clip) -> None:
+    assert train.load_policy(folder / "policy.safetensors", model).modules
+
+
+def damage_rows(draw: Callable, folder: Path) -> None:
+    path = folder / "rows.jsonl"
+    content = path.read_bytes()
+    if draw(st.booleans()):
+        path.write_bytes(damaged_bytes(draw, content, (folder / "memory.safetensors").read_bytes()))
+    else:
+        rows = [json.loads(line) for line in content.splitlines()]
+        path.write_text("".join(json.dumps(damaged_json(draw, row)) + "\n" for row in rows))
+
+
+def read_and_file_rows(folder: Path, model: clip.Clip) -> None:
+    path = folder / "rows.jsonl"
+    assert all(isinstance(row, dict) for row in read_rows(path))
+    content = path.read_bytes()
+    added = ROW | {"method": "random"}
+    file_rows([added], path)
+    assert read_rows(path)[-1] == added
+    path.write_bytes(content)
+
+
+def damage_calibration(draw: Callable, folder: Path) -> None:
+    path = folder / "calibration.json"
+    content = path.read_bytes()
+    if draw(st.booleans()):
+        path.write_bytes(damaged_bytes(draw, content, (folder / "policy.json").read_bytes()))
+    else:
+        path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
+
+
+def read_calibration(folder: Path, model: clip.Clip) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "path_for", lambda model: folder / "calibration.json")
+        found = calibration.load_or_measure(model)
+    assert np.isfinite(found.scale_text(np.zeros(1))).all()
+
+
+KINDS = {
+    "demonstrations": (damage_demonstrations, read_demonstrations),
+    "crop memory": (damage_memory, read_memory),
+    "checkpoint": (damage_checkpoint, read_checkpoint),
+    "rows": (damage_rows, read_and_file_rows),
+    "calibration": (damage_calibration, read_calibration),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_whole_is_read(kind, whole, model):
+    KINDS[kind][1](whole, model)
+
+
+@given(st.sampled_from(sorted(KINDS)), st.data())
+def test_a_damaged_file_is_read_or_refused(whole, model, kind, data):
+    damage, read = KINDS[kind]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "copy"
+        shutil.copytree(whole, folder)
+        damage(data.draw, folder)
+        before = contents(folder)
+        try:
+            read(folder, model)
+        except (ValueError, OSError) as error:
+            assert str(folder) in str(error), "the sentence names the file"
+        assert contents(folder) == before, "reading changes nothing"
+        if kind == "demonstrations":
+            demonstrations.save(demonstrations.load(whole / "demos"), folder / "demos")
+            assert len(demonstrations.load(folder / "demos")) == 2, "a new set takes a damaged one's place"

@@ -1,0 +1,80 @@
+"""Any text is parsed or refused with a ValueError, and what is parsed is clean."""
+
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gem_lite import language, vocabulary
+from gem_lite.language import PLACING, VERBS, Phrases, conjuncts, parse
+
+NOUNS = tuple(name for names in vocabulary.NOUNS.values() for name in names)
+WORDS = (
+    *VERBS, *PLACING, *language.DETERMINERS, *sorted(language.ADJECTIVES), *sorted(language.RESERVED),
+    *language.LOCATIONS, *language.OPENINGS, *language.CLOSINGS, *NOUNS,
+    "and", "and then", ",", "with", "of", "by its", "by the", "letter A", "gently", "", "\t", ";", "'", "\ud800", "É",
+)  # fmt: skip
+NEAR = st.lists(st.sampled_from(WORDS), max_size=12).map(" ".join)
+"""Words of the grammar in any order."""
+THINGS = st.builds(
+    " ".join,
+    st.tuples(st.sampled_from(("", "the", "a")), st.sampled_from(sorted(vocabulary.COLORS)), st.sampled_from(NOUNS)),
+)
+SPOILT = st.builds(
+    lambda verb, pick, placing, place, rest: f"{verb} {pick} {placing} {place} {rest}",
+    st.sampled_from(VERBS), THINGS, st.sampled_from(PLACING), THINGS, NEAR,
+)  # fmt: skip
+"""A good sentence, and more words behind it."""
+SENTENCES = st.lists(st.one_of(st.text(max_size=60), NEAR, SPOILT), min_size=10, max_size=10)
+"""Ten sentences are one example: a profile's 200 examples are 2,000 sentences."""
+LOCATION = re.compile(rf" ({'|'.join(language.LOCATIONS)})$")
+
+
+def assert_clean(phrase: str) -> None:
+    words = LOCATION.sub("", phrase).split()
+    assert words and phrase == phrase.strip()
+    for before, word in zip(["", *words], words, strict=False):
+        name = word.removesuffix(",")
+        assert name.replace("-", "").replace("'", "").replace("’", "").replace("&", "").isalnum(), phrase
+        assert name not in language.RESERVED or before == "letter", phrase
+    assert words[0] not in language.DETERMINERS and words[0] not in ("and", "of", "with")
+    assert (
+        words[-1] not in ("and", "of", "with", *language.DETERMINERS)
+        or words[-1] == "one"
+        or words[-2:-1] == ["letter"]
+    ), phrase
+
+
+@given(SENTENCES)
+def test_any_sentence_is_parsed_cleanly_or_refused(sentences):
+    for sentence in sentences:
+        try:
+            phrases = parse(sentence)
+        except ValueError as error:
+            assert "put the red block in the green bowl" in str(error)
+            continue
+        assert isinstance(phrases, Phrases)
+        for phrase in (phrases.pick, phrases.place):
+            assert_clean(phrase)
+            assert all(conjuncts(phrase)), "what parse returns has members"
+        assert parse(f"put the {phrases.pick} on the {phrases.place}") == phrases
+
+
+@given(SENTENCES)
+def test_conjuncts_of_any_text_are_phrases_or_refused(texts):
+    for text in texts:
+        try:
+            members = conjuncts(text)
+        except ValueError as error:
+            assert "phrase must name a thing" in str(error)
+            continue
+        assert members and all(member.strip() for member in members)
+        assert len(members) == 1 or not any(" and " in f" {member} " for member in members)
+
+
+@given(THINGS, st.sampled_from(PLACING), THINGS)
+def test_a_plain_sentence_is_always_parsed(pick, placing, place):
+    def bare(thing):
+        return re.sub("^(the|a) ", "", thing.strip().lower())
+
+    assert parse(f"put {pick} {placing} {place}") == Phrases(bare(pick), bare(place))
