@@ -3,7 +3,6 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
-NBVAL := --nbval-lax --nbval-current-env --nbval-sanitize-with tests/nbval_sanitize.cfg --nbval-cell-timeout=300
 
 .PHONY: help demo lab test fuzz check-python clean
 
@@ -48,7 +47,7 @@ test: $(READY)
 	@echo "2/3 unit tests"
 	@$(BIN)/python -m pytest tests
 	@echo "3/3 notebooks"
-	@$(BIN)/python -m pytest $(NBVAL) notebooks
+	@$(BIN)/python -m pytest --nbval-lax notebooks
 
 fuzz: $(READY)
 	@$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=whole

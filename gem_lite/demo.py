@@ -37,7 +37,6 @@ def main() -> None:
 
     client = NotebookClient(
         notebook,
-        timeout=300,
         kernel_name="python3",
         resources={"metadata": {"path": str(NOTEBOOK.parent)}},
         on_cell_executed=lambda cell, **more: report(cell, **more),

@@ -167,15 +167,24 @@ class Experiment:
 TRUE_COLORS = tuple(f"{method}-without-recoloring" for method in ("gem", "cliport", "cliport-grounded"))
 """Methods trained on true colours, with the paper's augmentation alone."""
 RIVALS = ("cliport", "cliport-grounded", "transporter-lan")
+ANGLE_RIVALS = ("transporter-lan", "cliport")
+"""Rivals that are measured where an angle decides."""
 SHORT = 300
 """Steps of a training that validation episodes preferred for a single demonstration."""
 PLAN = (
     *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),
     *(Experiment(method, BOWL, demos) for method in RIVALS for demos in (10, 100, 1)),
+    # Where the place angle decides: three seeds at ten demonstrations.
+    *(Experiment(method, INSERTION, seed=seed) for seed in (0, 1, 2) for method in ANGLE_RIVALS),
+    *(Experiment("gem", INSERTION, seed=seed) for seed in (1, 2)),
+    *(Experiment(method, INSERTION, 100) for method in ("gem", *ANGLE_RIVALS)),
     Experiment("gem", INSERTION, 1),
     *(Experiment(f"gem-{ending}", INSERTION, demos, episodes=50) for ending, demos in (
-        ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1))),
+        ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1),
+        ("without-rotation-augmentation", 10))),
+    *(Experiment(f"gem-{ending}", BARS, episodes=50) for ending in (
+        "without-rotation-augmentation", "with-free-kernels")),
     *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
     *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS),
     *(Experiment(method, BOWL) for method in TRUE_COLORS),

@@ -23,7 +23,7 @@ ABLATED = {
 NAMES = (*METHODS, *ABLATED)
 """Methods, and methods with one ending; a name may have several endings."""
 HELP = "methods:\n" + "\n".join(
-    f"  {name:42s}{meaning}"
+    f"  {name:48s}{meaning}"
     for name, meaning in {
         "gem": "the paper's method",
         "transporter-lan": "Transporter Networks with language",

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite import gem, language
 from gem_lite.gem import ActionModule
-from gem_lite.policy import RGBD, Inputs, collate, crop_at
+from gem_lite.policy import RGBD, Inputs, PickPlacePolicy, collate, crop_at
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.tabletop import tags
 from gem_lite.tabletop.cameras import View
@@ -152,24 +152,41 @@ class MobileChoice:
     place: Pose2
 
 
-@torch.inference_mode()
-def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str) -> MobileChoice:
-    """What to pick from which table, and where to place it on which.
+def check_policy(policy: PickPlacePolicy) -> gem.Policy:
+    """The policy, if it can choose over several tables.
 
     Raises:
-        ValueError: no observation; the instruction is empty or names no pick or no place.
+        ValueError: it is no GEM policy, so that it has no kernel to score every table's features with.
     """
+    if not isinstance(policy, gem.Policy):
+        raise ValueError(
+            f"policy must be a gem policy or one of its ablations to choose over several tables, got {policy.name}: "
+            "it makes no kernel that is scored against the features of every table"
+        )
+    return policy
+
+
+@torch.inference_mode()
+def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str) -> MobileChoice:
+    """What to pick from which table, and where to place it on which. The policy's networks compute where they are.
+
+    Raises:
+        ValueError: a policy that cannot (`check_policy`); no observation; the instruction is empty or names no pick
+            or no place.
+    """
+    check_policy(policy)
     if not observations:
         raise ValueError("observations is empty: there must be one for each table")
     phrases = policy.read(instruction)
     scenes = [policy.see(observation.views) for observation in observations]
-    inputs = collate([policy.inputs(scene, phrases) for scene in scenes])
+    seen = [policy.inputs(scene, phrases) for scene in scenes]
+    inputs = collate(seen, policy.device)
     policy.pick.eval()
     policy.place.eval()
     workspace, bins = policy.config.workspace, angle_bins(policy.config.angles)
 
     def best(logits: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
-        panorama = stitch(logits)
+        panorama = stitch(logits).cpu()
         cell = tuple(int(i) for i in np.unravel_index(int(panorama.argmax()), panorama.shape))
         return split(cell, workspace.shape[1])
 
@@ -184,8 +201,8 @@ def choose(policy: gem.Policy, observations: Sequence[Observation], instruction:
     # Δ turns the picture of the one table's crop into the picture of the other table.
     place = Pose2(*workspace.to_world(*pixel), pick.yaw + bins[angle])
     return MobileChoice(
-        instruction, phrases, tuple(scene.heightmap for scene in scenes), inputs, pick_logits.numpy(),
-        place_logits.numpy(), pick_table, pick, place_table, place,
+        instruction, phrases, tuple(scene.heightmap for scene in scenes), collate(seen), pick_logits.numpy(force=True),
+        place_logits.numpy(force=True), pick_table, pick, place_table, place,
     )  # fmt: skip
 
 

@@ -68,13 +68,13 @@ def show_errors(panels: Sequence[tuple[str, dict[str, np.ndarray]]]) -> Figure:
 
 
 def show_picks(panels: Sequence[tuple[str, np.ndarray, tuple[float, float, float]]], length: float = 7) -> Figure:
-    """Height pictures (H, W), each with a pick (row, col, angle in radians): a bar, its dot at the angle's end."""
+    """Height pictures (H, W), each with a pick (row, col, angle in radians): a dot, and a line along the angle."""
     fig, axes = plt.subplots(1, len(panels), figsize=(2.1 * len(panels), 2.5), squeeze=False, layout="constrained")
     for ax, (title, picture, (row, col, angle)) in zip(axes[0], panels, strict=True):
         bare(ax, title).imshow(picture, cmap="gray", vmin=0)
         drow, dcol = rotation_matrix(angle) @ np.array([0, length])
-        ax.plot([col - dcol, col + dcol], [row - drow, row + drow], color=PICK_COLOR, lw=2)
-        ax.plot(col + dcol, row + drow, "o", color=PICK_COLOR, ms=5)
+        ax.plot([col, col + dcol], [row, row + drow], color=PICK_COLOR, lw=2)
+        ax.plot(col, row, "o", color=PICK_COLOR, ms=5)
     return fig
 
 

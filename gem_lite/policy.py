@@ -323,8 +323,7 @@ class PickPlacePolicy(ABC):
         self.pick.eval()
         self.place.eval()
         inputs = collate([inputs], self.device)
-        pick_logits = self.score_pick(inputs)[0].cpu()
-        pick_logits[:, near_any(empty_picks, self.config)] = -torch.inf
+        pick_logits = self.score_pick(inputs)[0].cpu().masked_fill(near_any(empty_picks, self.config), -torch.inf)
         pick_cell = _argmax(pick_logits)
         place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
         place_cell = _argmax(place_logits)

@@ -19,7 +19,9 @@ SMALL = dataclasses.replace(
 )
 WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention"}
 """Ablations that change what the networks are made of."""
-INPUTS_DIFFER = {"without-semantic-map", "with-single-view", "without-image-map", "without-parsing"}
+INPUTS_DIFFER = {
+    "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map", "without-parsing",
+}  # fmt: skip
 """Ablations that change what the networks see."""
 
 

@@ -2,7 +2,6 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import StagedTask
 
 from gem_lite import clip, colors, evaluate, results
 from gem_lite.config import LITE
@@ -169,12 +168,22 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
     """A scripted actor: the empty table, the empty table again, the block, and the placed block once more."""
     told = []
 
-    class OneBlock(StagedTask):
-        def placed(self, world):
-            return {self.bodies[0].id} if world.pose(self.bodies[0])[0].x > 0.55 else set()
+    class OneBlock(tasks.Task):
+        def __init__(self):
+            super().__init__()
+            self.max_steps = 4
 
-    def build(client):
-        return shapes.add_block(client, colors.rgba("red"), Pose2(0.4, 0.0))
+        def reset(self, world, rng):
+            self.block = world.add(shapes.add_block(world.client, colors.rgba("red"), Pose2(0.4, 0.0)))
+
+        def score(self, world):
+            return 0.0
+
+        def expert(self, world):
+            return None
+
+        def placed(self, world):
+            return {self.block.id} if world.pose(self.block)[0].x > 0.55 else set()
 
     picks = [Pose2(0.3, 0.3), Pose2(0.3, 0.35), Pose2(0.4, 0.0), Pose2(0.6, 0.0)]
 
@@ -182,7 +191,7 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
         told.append(list(empty_picks))
         return Action(picks[len(told) - 1], Pose2(0.6, 0.0))
 
-    monkeypatch.setattr(evaluate.tasks, "make", lambda name, split: OneBlock([build], lambda poses: 0.0, 4))
+    monkeypatch.setattr(evaluate.tasks, "make", lambda name, split: OneBlock())
     monkeypatch.setattr(World, "observe", lambda self: None)
     episode = evaluate.run_episode(world, actor, "staged", "val", 0)
     assert told == [[], picks[:1], picks[:2], []]

@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from gem_lite import clip, mobile
+from gem_lite.baselines.cliport import ClipPort, GroundedClipPort
+from gem_lite.baselines.transporter import TransporterLan
 from gem_lite.config import LITE
 from gem_lite.gem import Policy
 from gem_lite.se2 import Pose2, angle_off
@@ -17,6 +19,7 @@ from gem_lite.tabletop.heightmap import fuse_views
 from gem_lite.tabletop.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import World
+from gem_lite.tabletop.worlds import WORLDS
 
 MOBILE = LITE.on_table(1.06)
 TABLES = (Pose2(0.0, 0.0), Pose2(2.0, 1.8, 2.1))
@@ -150,6 +153,34 @@ def test_no_table_is_refused(policy):
         mobile.choose(policy, [], "pick the mug and place into the gear box")
     with pytest.raises(ValueError, match="tables is empty"):
         MobileWorld(())
+
+
+def test_a_first_table_elsewhere_is_refused():
+    with pytest.raises(ValueError, match=r"tables\[0\] must be the world's frame.*x=1.0"):
+        MobileWorld((Pose2(1.0, 0.0), Pose2(0.0, 0.0)))
+
+
+@pytest.mark.parametrize("method", [ClipPort, GroundedClipPort, TransporterLan])
+def test_a_method_that_makes_no_kernel_is_refused_by_name(method, policy, observations):
+    rival = method(MOBILE, policy.clip)
+    with pytest.raises(ValueError, match=rf"must be a gem policy .*, got {rival.name}"):
+        mobile.choose(rival, observations, "pick the mug and place into the recycle box")
+
+
+@pytest.mark.parametrize("ending", ["with-free-kernels", "without-steerable-kernel", "without-semantic-map"])
+def test_ablations_choose_over_several_tables(ending, policy, observations):
+    ablation = Policy(MOBILE.ablated(ending), policy.clip)
+    choice = mobile.choose(ablation, observations, "pick the mug and place into the recycle box")
+    assert choice.pick_logits.shape == choice.place_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_policy_on_a_gpu_chooses_there(policy, observations):
+    sentence = "pick the mug and place into the recycle box"
+    here = mobile.choose(policy, observations, sentence)
+    there = mobile.choose(Policy(MOBILE, policy.clip, seed=0).to("cuda"), observations, sentence)
+    assert there.inputs.image.device.type == "cpu"
+    assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
 
 
 # The world
@@ -302,6 +333,51 @@ def test_tags_have_numbers(world):
         tags.add_tag(world.client, 587, Pose2(0, 0))
 
 
+# Tasks over two tables
+
+
+@pytest.fixture(scope="module")
+def two_tables():
+    with MobileWorld(side_by_side(2)) as world:
+        yield world
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen",
+        "block-insertion", "bars-in-box",
+    ],
+)  # fmt: skip
+def test_a_task_of_one_table_lies_on_the_first_and_goes_on_to_its_end(two_tables, name):
+    task = tasks.make(name, "val")
+    seen = two_tables.reset(task, tasks.episode_seed("val", 0))
+    high = [(fuse_views(one.views, task.workspace).height > 0.01).sum() for one in seen]
+    assert high[0] > 100 and high[1] == 0
+    sentences, rewards = [], []
+    while len(rewards) < task.max_steps:
+        sentences.append(task.instruction)
+        action = task.expert(two_tables).action
+        step = mobile.act(two_tables, choice(0, action.pick, 0, action.place), mobile.by_truth)
+        rewards.append(step.reward)
+        if step.done:
+            break
+    assert step.done and sum(rewards) == pytest.approx(1)
+    assert len(set(sentences)) == (6 if name.startswith("stack") else 1)
+
+
+def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy):
+    task = tasks.make("stack-block-pyramid-seq-seen-colors", "val")
+    on_this_table = Policy(LITE.on_table(task.workspace.length), policy.clip, seed=0)
+    seen = two_tables.reset(task, tasks.episode_seed("val", 0))
+    first = mobile.choose(on_this_table, seen, task.instruction)
+    assert np.ptp(first.pick_logits[0]) > 3 * np.ptp(first.pick_logits[1])  # the second table is bare
+    action = task.expert(two_tables).action
+    mobile.act(two_tables, choice(0, action.pick, 0, action.place), mobile.by_truth)
+    second = mobile.choose(on_this_table, two_tables.observe(), task.instruction)
+    assert first.phrases.pick != second.phrases.pick
+
+
 # object-sorting
 
 
@@ -336,3 +412,12 @@ def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
             named.append(task.instruction.split("pick the ")[1].split(" and ")[0])
             assert len(task.names) == 7
     assert sorted(named) == sorted(object_sorting.SEEN)
+
+
+def test_a_world_of_several_tables_has_a_style():
+    pictures = []
+    for name in ("home", "bright-light"):
+        with MobileWorld(TABLES, STILL, style=WORLDS[name]) as styled:
+            styled.clear()
+            pictures.append(styled.observe()[0].views[0].rgb.astype(int))
+    assert (pictures[1] - pictures[0]).mean() > 5

@@ -63,17 +63,17 @@ def installed(tmp_path_factory):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     build = ["wheel", "--no-index", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(source)]
-    subprocess.run([*pip, *build], check=True, timeout=300)
+    subprocess.run([*pip, *build], check=True, timeout=1800)
     (wheel,) = folder.glob("*.whl")
     target = folder / "installed"
-    subprocess.run([*pip, "install", "--no-index", "--no-deps", "--target", target, wheel], check=True, timeout=300)
+    subprocess.run([*pip, "install", "--no-index", "--no-deps", "--target", target, wheel], check=True, timeout=1800)
     return target
 
 
 def test_an_installed_wheel_works_from_another_folder(installed, tmp_path):
     command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{USE}"]
     environment = {"HF_HUB_OFFLINE": "1", "HOME": str(tmp_path)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
     data, module, name = done.stdout.splitlines()
     assert Path(data) == installed / "gem_lite_data"

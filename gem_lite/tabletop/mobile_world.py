@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.cameras import Camera, View, as_pose, cameras_around, looking, render
+from gem_lite.tabletop.cameras import LIGHT, Camera, Light, View, as_pose, cameras_around, looking, render
 from gem_lite.tabletop.gripper import CLEARANCE, GripperState
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import Observation, Simulation
-from gem_lite.tabletop.worlds import FLOOR_COLOR, TABLE_COLOR
+from gem_lite.tabletop.worlds import TABLE_COLOR, WorldStyle
 
 TABLE_HEIGHT = 0.7
 """Heights are measured from the tables' tops: the floor lies so far (m) below."""
@@ -77,6 +77,7 @@ class MobileStep:
     """What an act over several tables led to: see `world.Step`."""
 
     reward: float
+    done: bool
     grasped: bool
     trace: tuple[GripperState, ...]
 
@@ -84,19 +85,27 @@ class MobileStep:
 class MobileWorld(Simulation):
     """Several tables, each with three cameras and a tag, and the base.
 
-    Table i carries the tag with number i. A table's frame is that of a `World` with this table alone.
+    Table i carries the tag with number i. A table's frame is that of a `World` with this table alone. A task that
+    is made for one table lies on the first; object-sorting is spread over all.
 
     Args:
-        tables: where the tables' frames are in the world.
+        tables: where the tables' frames are in the world. The first is the world's frame.
         body: the robot's body and its errors.
+        style: how scenes look and lie.
+
+    Raises:
+        ValueError: no table, or the first one elsewhere.
     """
 
     def __init__(
-        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False
-    ) -> None:
-        super().__init__(gui)
+        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False,
+        style: WorldStyle = WorldStyle(),
+    ) -> None:  # fmt: skip
+        super().__init__(gui, style)
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
+        if tables[0] != Pose2(0.0, 0.0):
+            raise ValueError(f"tables[0] must be the world's frame, {Pose2(0.0, 0.0)}, got {tables[0]}")
         self.tables, self.body = tuple(tables), body
         self.tags = tuple(range(len(self.tables)))
         self.base = self.tables[0] @ HOME
@@ -113,7 +122,7 @@ class MobileWorld(Simulation):
             flange = table @ Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
             self.add_slab(flange, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, TABLE_COLOR, solid=True)
             tags.add_tag(self.client, number, table @ self.tag)
-        self.add_slab(self.tables[0], (20.0, 20.0, 0.05), -TABLE_HEIGHT, FLOOR_COLOR, solid=True)
+        self.add_slab(self.tables[0], (20.0, 20.0, 0.05), -TABLE_HEIGHT, self.style.floor, solid=True)
         self._base = add_base(self.client, self.body.camera)
         self._move_base(self.tables[0] @ HOME)
 
@@ -127,7 +136,7 @@ class MobileWorld(Simulation):
         """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self._rng = np.random.default_rng((seed, len(self.tables)))
         super().begin(task, seed)
-        self._score, self._grasped = task.score(self), False
+        self._grasped = False
 
     def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
         """`begin`, and look at it."""
@@ -136,9 +145,10 @@ class MobileWorld(Simulation):
 
     def observe(self) -> tuple[Observation, ...]:
         """What the three cameras of each table see, in that table's own frame."""
+        cameras = cameras_around(self.workspace)
+        light = self.style.light
         return tuple(
-            Observation(tuple(take(self.client, camera, table) for camera in cameras_around(self.workspace)))
-            for table in self.tables
+            Observation(tuple(take(self.client, camera, table, light) for camera in cameras)) for table in self.tables
         )
 
     def photograph(self) -> np.ndarray:
@@ -147,7 +157,7 @@ class MobileWorld(Simulation):
         x, y = np.mean([(at.x, at.y) for at in middles], axis=0)
         away = 1.2 + max(np.hypot(at.x - x, at.y - y) for at in middles)
         camera = looking("outside", (x - away, y + 0.85 * away, 0.65 * away), (x, y - 0.22 * away, -0.45))
-        return render(self.client, camera)[0].rgb
+        return render(self.client, camera, self.style.light)[0].rgb
 
     def drive(self, table: int, sideways: float = 0.0) -> None:
         """Bring the base before a table, as near to where it is meant to stop as its odometry allows.
@@ -168,7 +178,7 @@ class MobileWorld(Simulation):
 
     def look(self) -> View:
         """What the body camera sees, in the base's frame and as if the camera were where the robot believes."""
-        view = take(self.client, self.body.camera, self.base @ self.body.camera_offset)
+        view = take(self.client, self.body.camera, self.base @ self.body.camera_offset, self.style.light)
         noise = self._rng.normal(0, self.body.camera_noise, view.rgb.shape) if self.body.camera_noise else 0
         return replace(view, rgb=np.clip(np.round(view.rgb + noise), 0, 255).astype(np.uint8))
 
@@ -187,13 +197,10 @@ class MobileWorld(Simulation):
         self.gripper.place(self.base @ pose)
 
     def finish(self) -> MobileStep:
-        """Let go of everything, drive home, settle and score."""
-        self.gripper.park()
+        """Drive home and `conclude`: the next `observe` shows what the act led to."""
         self._move_base(self.tables[0] @ HOME)
-        self.settle()
-        self.steps_taken += 1
-        before, self._score = self._score, self.task.score(self)
-        return MobileStep(self._score - before, self._grasped, tuple(self.gripper.trace))
+        reward, done = self.conclude()
+        return MobileStep(reward, done, self._grasped, tuple(self.gripper.trace))
 
     def _move_base(self, pose: Pose2) -> None:
         self.base = pose
@@ -209,9 +216,9 @@ def placed(camera: Camera, frame: Pose2) -> Camera:
     return replace(camera, pose=as_pose(turn, (at.x, at.y, z)))
 
 
-def take(client: int, camera: Camera, frame: Pose2) -> View:
+def take(client: int, camera: Camera, frame: Pose2, light: Light = LIGHT) -> View:
     """A picture by a camera given in a frame; its view is in that frame, too."""
-    view, _ = render(client, placed(camera, frame))
+    view, _ = render(client, placed(camera, frame), light)
     return replace(view, camera=camera)
 
 

@@ -111,6 +111,22 @@ class Simulation(ABC):
         task.seed = seed
         task.reset(self, np.random.default_rng(seed))
         self.settle()
+        self._score = task.score(self)
+
+    def conclude(self) -> tuple[float, bool]:
+        """End an action: park the tool, settle, score; then the task may go on to its next instruction.
+
+        Returns:
+            The change of the task's score since the last action, in [-1, 1], and whether the episode is over.
+        """
+        self.gripper.park()
+        self.settle()
+        self.steps_taken += 1
+        before = self._score
+        self._score = self.task.score(self)
+        self.task.advance(self)
+        done = self._score > 0.99 or self.steps_taken >= self.task.max_steps
+        return self._score - before, done
 
     @abstractmethod
     def furnish(self) -> None:
@@ -186,7 +202,7 @@ class World(Simulation):
         return Observation(tuple(render(self.client, camera, self.style.light)[0] for camera in cameras))
 
     def step(self, action: Action, watch: Callable[[str], None] | None = None) -> Step:
-        """Pick, place, let the scene settle, score it; then the task may go on to its next instruction.
+        """Pick, place, and `conclude`.
 
         Args:
             action: poses in the workspace; one outside, or a yaw that is not finite, raises ValueError.
@@ -194,22 +210,16 @@ class World(Simulation):
         """
         self.check("action.pick", action.pick)
         self.check("action.place", action.place)
-        before = self.task.score(self)
         self.gripper.trace.clear()
         grasped = self.gripper.pick(action.pick, self.movable)
         if watch:
             watch("picked")
         if grasped:
             self.gripper.place(action.place)
-        self.gripper.park()
-        self.settle()
+        reward, done = self.conclude()
         if watch:
             watch("placed")
-        self.steps_taken += 1
-        score = self.task.score(self)
-        self.task.advance(self)
-        done = score > 0.99 or self.steps_taken >= self.task.max_steps
-        return Step(self.observe(), score - before, done, grasped, tuple(self.gripper.trace))
+        return Step(self.observe(), reward, done, grasped, tuple(self.gripper.trace))
 
 
 def body_at(simulation: Simulation, pose: Pose2) -> int:
