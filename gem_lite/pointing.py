@@ -34,8 +34,11 @@ from gem_lite.tabletop.world import World
 
 KINDS = ("bowls", "shapes")
 """Cluttered put-block-in-bowl scenes, and scenes of kitting pieces; both in the unseen colours."""
-MAPS = ("fused", "single-view", "image", "blended")
-"""The text-conditioned maps of three views and of the height map alone, the image-conditioned one, and Eq. 4."""
+MATCHED = "matched-single-view"
+"""A map from patches of the height map that are as wide as the side views' patches are on the table, on average."""
+MAPS = ("fused", "single-view", MATCHED, "image", "blended")
+"""The text-conditioned maps of three views and of the height map alone (its own patches, and `MATCHED`), the
+image-conditioned one, and Eq. 4."""
 FIRST = 3000
 """Scene i comes from test seed ``FIRST + i``: evaluations stay below, and calibration uses validation seeds."""
 RADIUS = 0.02
@@ -192,9 +195,11 @@ def maps(
     """All `MAPS` (H, W) of a phrase by name; without "image" where retrieval finds no crop."""
     text = semantic_map.text_conditioned_map(embedding, phrase, model)
     image = semantic_map.image_conditioned_map(embedding, phrase, model, memory)
+    matched = semantic_map.with_top_patches(embedding, model, settings.ablated(f"with-{MATCHED}"))
     found = {
         "fused": text,
         "single-view": semantic_map.single_view_map(embedding, phrase, model),
+        MATCHED: semantic_map.single_view_map(matched, phrase, model),
         "image": image,
         "blended": semantic_map.fuse(text, image, settings.text_weight, settings.image_weight),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -144,6 +144,11 @@ def embed_scene(views: Sequence[View], clip: Clip, config: Config) -> SceneEmbed
         for view, kept in zip(views, points.kept, strict=True)
     )
     return SceneEmbedding(heightmap, points, sides, lambda: embed_patches(heightmap.rgb, top_grid(config), clip))
+
+
+def with_top_patches(scene: SceneEmbedding, clip: Clip, config: Config) -> SceneEmbedding:
+    """The same scene with its height map cut into the patches of another configuration of the same resolution."""
+    return replace(scene, embed_top=lambda: embed_patches(scene.heightmap.rgb, top_grid(config), clip))
 
 
 def top_grid(config: Config) -> PatchGrid:

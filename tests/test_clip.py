@@ -1,4 +1,5 @@
 import csv
+import itertools
 import json
 import shutil
 
@@ -42,6 +43,22 @@ def test_every_word_of_a_phrase_counts(model):
     a, shape, color = model.embed_texts(["red block", "red bowl", "blue block"])
     assert a @ shape < 0.9
     assert a @ color < 0.9
+
+
+def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
+    lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
+    said = set(" ".join([*itertools.chain(*lists), *vocabulary.STRANGERS, *vocabulary.TABLE]).split())
+    synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
+    assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
+    card = (clip.DATA / "clip-tabletop" / "README.md").read_text()
+    for words, plain, template in (
+        (clip_card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
+        (clip_card.UNREAD_NOUNS, SHAPE_NAMES, "a {}"),
+    ):
+        assert not said & set(itertools.chain(*words.values()))
+        right = clip_card.unread_words(model, words, plain, template)
+        assert sum(right) <= 0.2 * len(right)
+        assert f"{sum(right)} of {len(right)} words for its" in card
 
 
 def test_any_text_is_accepted(model):

@@ -139,6 +139,17 @@ def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):
     assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)))
 
 
+def test_top_patches_of_another_size_are_those_of_a_scene_embedded_with_it(scene_and_truth, model):
+    scene, _, _, observation = scene_and_truth
+    matched = LITE.ablated("with-matched-single-view")
+    other = semantic_map.with_top_patches(scene, model, matched)
+    assert (other.top.grid.patch, other.top.grid.stride) == (14, 7)
+    assert (scene.top.grid.patch, scene.top.grid.stride) == (20, 10), "the scene keeps its own"
+    assert other.sides is scene.sides
+    whole = semantic_map.embed_scene(observation.views, model, matched)
+    assert torch.allclose(other.top.values, whole.top.values, atol=1e-5)
+
+
 def test_plateau_centre_is_the_middle_of_the_brightest_region():
     semantic = np.zeros((20, 30), np.float32)
     semantic[4:9, 10:15] = 1.0
