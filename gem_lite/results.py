@@ -112,6 +112,9 @@ def read_rows(path: Path) -> list[dict]:
     rows = [read_json(line, f"line {number} of {path}") for number, line in enumerate(lines, start=1)]
     for number, row in enumerate(rows, start=1):
         wrong = [name for name in IDENTITY if isinstance(row.get(name), dict | list)]
+        episodes = row.get("episodes", 0)
+        if isinstance(episodes, bool) or not isinstance(episodes, int):
+            wrong.append("episodes")
         if wrong:
             raise ValueError(f"line {number} of {path} is no row: see its {', '.join(wrong)}")
     return rows
@@ -134,7 +137,7 @@ def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENT
         if lacking:
             raise ValueError(f"the row ({named}) lacks {', '.join(lacking)}: measure it again with this version")
         old = filed.get(_key(row, identity))
-        if old and row["episodes"] < old["episodes"]:
+        if old and row["episodes"] < old.get("episodes", 0):
             raise ValueError(
                 f"{path} holds a row over {old['episodes']} episodes ({named}), which one over {row['episodes']} "
                 f"does not replace: run at least {old['episodes']} episodes, or write to another file with --out"

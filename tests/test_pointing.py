@@ -170,7 +170,9 @@ def test_rates_of_known_outcomes():
     def rate(outcomes):
         return pointing.rate(pointings(outcomes), lambda p: p.exact)
 
-    assert rate([(seed, True) for seed in range(100)]) == {"mean": 100.0, "ci95": [96.4, 100.0]}
+    perfect = rate([(seed, True) for seed in range(100)])
+    assert (perfect["mean"], perfect["ci95"]) == (100.0, [96.4, 100.0])
+    assert perfect["by_scene"] == {str(seed): 1.0 for seed in range(100)}
     # A scene counts once, however many of its phrases are left: (1 + 0 + 1/2) / 3.
     assert rate([(0, True), (1, False), (2, True), (2, False)])["mean"] == 50.0
     assert rate([(0, True), (0, True), (0, True), (1, False)])["mean"] == 50.0

@@ -31,7 +31,9 @@ SMALL = dataclasses.replace(
 )  # fmt: skip
 ROW = {
     "method": "gem", "task": "bars-in-box", "subset": "all", "episodes": 2, "mean": 50.0, "ci95": [1.3, 98.7],
-    "split": "test", "start": 0, "demos": 10, "seed": 0, "config": "lite", "rewards": {"0": 1.0, "1": 0.0},
+    "world": "home", "split": "test", "start": 0, "demos": 10, "data_sha256": "0a", "seed": 0, "steps": 1500,
+    "config": "lite", "config_hash": "1b", "clip_fingerprint": "2c", "checkpoint_sha256": "3d",
+    "rewards": {"0": 1.0, "1": 0.0},
 }  # fmt: skip
 VALUES = st.one_of(
     st.sampled_from([None, True, -1, 0, 10**9, 10**30, -0.5, 1e308, float("nan"), float("inf"), "", "x", [], {}, [[]]]),
@@ -222,7 +224,7 @@ def read_and_file_rows(folder: Path, model: clip.Clip) -> None:
     path = folder / "rows.jsonl"
     assert all(isinstance(row, dict) for row in read_rows(path))
     content = path.read_bytes()
-    added = ROW | {"method": "random"}
+    added = ROW | {"method": "random", "episodes": 10**31}  # No damaged row is longer.
     file_rows([added], path)
     assert read_rows(path)[-1] == added
     path.write_bytes(content)
