@@ -119,7 +119,7 @@ def show_widths(widths: dict[str, float], cells: dict[str, Cell], named: Sequenc
     _draw_cells(ax, at, list(cells.values()), "o")
     for x, (name, cell) in zip(at, cells.items(), strict=True):
         if name in named:
-            ax.annotate(name, (x, cell.mean), (4, 4), textcoords="offset points", fontsize=8)
+            ax.annotate(name, (x, cell.mean), (4, -11), textcoords="offset points", fontsize=8)
     ax.set(xlabel="narrow side of the object (mm)", ylabel="success (0-100)")
     fig.suptitle(title, fontsize=10)
     return fig
