@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
@@ -71,23 +73,53 @@ def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspa
     return fig
 
 
-def show_error_curves(curves: dict[str, dict[str, dict[float, Cell]]]) -> Figure:
+def _draw_cells(ax: Axes, at: np.ndarray, cells: Sequence[Cell], style: str, label: str = "") -> None:
+    """Means with 95 % intervals over ``at``."""
+    means = np.array([cell.mean for cell in cells])
+    ends = np.array([cell.interval for cell in cells]).T
+    reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+    ax.errorbar(at, means, reach, fmt=style, ms=5, capsize=3, label=label or None)
+    ax.set(ylim=(-3, 103))
+    ax.grid(alpha=0.3)
+
+
+def show_error_curves(
+    curves: dict[str, dict[str, dict[float, Cell]]], robot: dict[str, Cell], title: str = ""
+) -> Figure:  # fmt: skip
     """Success against the error of the tables' poses: a panel for each kind of error, a line for each task.
 
     Args:
         curves: label of the error to task to its size to cell.
+        robot: what a robot scored whose error is not known, by task: a narrow panel of its own.
     """
-    fig, axes = plt.subplots(1, len(curves), figsize=(4.4 * len(curves), 3.4), sharey=True, layout="constrained")
-    for ax, (label, lines) in zip(np.atleast_1d(axes), curves.items(), strict=True):
+    widths = [4.4] * len(curves) + [1.6]
+    fig, axes = plt.subplots(
+        1, len(widths), figsize=(sum(widths), 3.6), width_ratios=widths, sharey=True, layout="constrained"
+    )
+    for ax, (label, lines) in zip(axes, curves.items(), strict=False):
         for name, cells in lines.items():
-            sizes = np.array(sorted(cells))
-            means = np.array([cells[size].mean for size in sizes])
-            ends = np.array([cells[size].interval for size in sizes]).T
-            ax.errorbar(
-                sizes, means, np.clip([means - ends[0], ends[1] - means], 0, None), fmt="o-", capsize=3, label=name
-            )
-        ax.set(xlabel=label, ylim=(-3, 103))
-        ax.grid(alpha=0.3)
-    np.atleast_1d(axes)[0].set_ylabel("success (0-100)")
-    np.atleast_1d(axes)[0].legend(fontsize=8)
+            sizes = sorted(cells)
+            _draw_cells(ax, np.array(sizes), [cells[size] for size in sizes], "o-", name)
+        ax.set(xlabel=label)
+    for number, cell in enumerate(robot.values()):
+        _draw_cells(axes[-1], np.array([number]), [cell], "s")
+    axes[-1].set(xticks=range(len(robot)), xlim=(-0.7, len(robot) - 0.3), xlabel="error not known")
+    axes[-1].set_xticklabels(robot, fontsize=8)
+    axes[-1].set_title("the paper's Spot", fontsize=9)
+    axes[0].set_ylabel("success (0-100)")
+    axes[0].legend(fontsize=8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_widths(widths: dict[str, float], cells: dict[str, Cell], named: Sequence[str], title: str = "") -> Figure:
+    """Success by object against its narrow side (m) seen from above, with 95 % intervals; ``named`` get their name."""
+    fig, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    at = 1000 * np.array([widths[name] for name in cells])
+    _draw_cells(ax, at, list(cells.values()), "o")
+    for x, (name, cell) in zip(at, cells.items(), strict=True):
+        if name in named:
+            ax.annotate(name, (x, cell.mean), (4, -11), textcoords="offset points", fontsize=8)
+    ax.set(xlabel="narrow side of the object (mm)", ylabel="success (0-100)")
+    fig.suptitle(title, fontsize=10)
     return fig

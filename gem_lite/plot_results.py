@@ -97,6 +97,29 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
     return fig
 
 
+def show_worlds(panels: dict[str, dict[str, dict[str, Cell]]], title: str = "") -> Figure:
+    """Means with 95 % intervals in several worlds: a panel for each task family, a row for each world.
+
+    Args:
+        panels: family to set of words ("seen", "unseen") to world to cell.
+    """
+    fig, axes = plt.subplots(1, len(panels), figsize=(3.4 * len(panels), 3.4), sharey=True, layout="constrained")
+    for ax, (family, sets) in zip(np.atleast_1d(axes), panels.items(), strict=True):
+        for number, (label, cells) in enumerate(sets.items()):
+            rows = np.arange(len(cells)) + 0.24 * (number - (len(sets) - 1) / 2)
+            means = np.array([cell.mean for cell in cells.values()])
+            ends = np.array([cell.interval for cell in cells.values()]).T
+            reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+            ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=f"C{number}", label=label)
+            ax.set_yticks(range(len(cells)), cells)
+        ax.set(xlim=(-3, 103), xlabel="success (0-100)", title=family)
+        ax.grid(alpha=0.3)
+    np.atleast_1d(axes)[0].invert_yaxis()
+    np.atleast_1d(axes)[0].legend(fontsize=8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
 def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> Figure:
     """A gallery: the scene with both grippers beside the action maps of pick and place, the reason underneath."""
     rows = -(-len(failures) // columns)

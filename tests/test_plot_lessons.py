@@ -119,6 +119,16 @@ def test_cells_are_bars_in_the_given_order():
     assert [bar.get_width() for bar in ax.patches] == [90, 60, 30]
 
 
+def test_worlds_are_rows_with_their_intervals():
+    one, two, three = cells(30, 60, 90)
+    fig = plot_results.show_worlds({"bowl": {"seen": {"home": three, "shadows": two}, "unseen": {"home": one}}})
+    ax = fig.axes[0]
+    means = [drawn.lines[0].get_xdata().tolist() for drawn in ax.containers]
+    assert means == [[90, 60], [30]]
+    assert ax.containers[0].lines[2][0].get_segments()[1][:, 0].tolist() == [55, 65]
+    assert ax.get_ylim()[0] > ax.get_ylim()[1], "the first world must be the upper one"
+
+
 def test_failures_show_scene_maps_and_reason():
     heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
     logits = np.zeros((36, *W.shape), np.float32)

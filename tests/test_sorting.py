@@ -210,9 +210,23 @@ def test_localisation_and_curves_are_drawn(world):
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert world.photograph().shape == (480, 640, 3)
     cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
-    fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}})
-    assert [ax.get_xlabel() for ax in fig.axes] == ["shift (cm)", "turn (°)"]
+    robot = {"seen": cells[0], "unseen": cells[4]}
+    fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}}, robot)
+    assert [ax.get_xlabel() for ax in fig.axes] == ["shift (cm)", "turn (°)", "error not known"]
     assert list(fig.axes[0].containers[0].lines[0].get_ydata()) == [90, 88, 86]
+    # The robot's successes are drawn with their intervals, outside the curves.
+    assert [drawn.lines[0].get_ydata()[0] for drawn in fig.axes[2].containers] == [90, 86]
+    ends = [drawn.lines[2][0].get_segments()[0][:, 1].tolist() for drawn in fig.axes[2].containers]
+    assert ends == [[80, 95], [76, 91]]
+
+
+def test_widths_are_drawn_in_millimetres_with_intervals():
+    cells = {name: Cell(np.zeros((1, 4)), mean, (10, 95), None, (0, 1, 2, 3)) for name, mean in (("a", 20), ("b", 90))}
+    ax = plot_mobile.show_widths({"a": 0.02, "b": 0.08}, cells, ["a"]).axes[0]
+    drawn = ax.containers[0]
+    assert drawn.lines[0].get_xydata().tolist() == [[20, 20], [80, 90]]
+    assert [segment[:, 1].tolist() for segment in drawn.lines[2][0].get_segments()] == [[10, 95], [10, 95]]
+    assert [text.get_text() for text in ax.texts] == ["a"]
 
 
 def test_weights_know_nothing_of_the_table_length():
