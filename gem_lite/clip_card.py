@@ -33,7 +33,7 @@ UNREAD_COLORS: dict[str, tuple[str, ...]] = {
     "purple": ("lilac", "lavender", "plum"),
     "pink": ("salmon", "blush"),
     "cyan": ("aqua",),
-    "brown": ("tan", "coffee"),
+    "brown": ("tan",),
     "white": ("cream",),
     "gray": ("charcoal", "slate"),
     "black": ("onyx", "inky"),
@@ -47,7 +47,6 @@ UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
     "spoon": ("ladle",),
     "hat": ("bonnet",),
     "toy car": ("vehicle",),
-    "airplane": ("jet",),
     "chair": ("stool",),
 }
 """Words for shapes and objects that no caption holds."""
