@@ -122,9 +122,8 @@ def test_rows_hold_the_card_of_their_policy(command, tmp_path):
     assert command("gem", TASK, "--checkpoint", str(shipped), "--episodes", "3", "--file") == 0
     (row,) = results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")
     card = read_card(shipped)
-    for name in ("demos", "seed", "train_seconds", "data_sha256"):
+    for name in ("demos", "seed", "train_seconds", "data_sha256", "demonstrations_world"):
         assert row[name] == card[name] is not None
-    assert row["demonstrations_world"] is None  # the card is older than the worlds' names
     assert (row["steps"], row["config"]) == (card["config"]["steps"], "lite")
     assert row["config_hash"] == LITE.digest
     assert row["clip_fingerprint"] == card["clip"]["fingerprint"]

@@ -183,6 +183,7 @@ def card(tmp_path, monkeypatch):
             "method": experiment.method, "config": experiment.config.as_dict(), "demos": experiment.demos,
             "clip": {"name": "embedded clip-tabletop", "fingerprint": clip.load().fingerprint},
             "seed": experiment.seed, "demonstrations_world": experiment.demonstrations_world, "sha256": "sha-of-it",
+            "memory": [],
         }  # fmt: skip
         experiment.checkpoint.parent.mkdir(parents=True, exist_ok=True)
         experiment.checkpoint.write_bytes(b"")
