@@ -404,7 +404,7 @@ def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
     assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"
     with pytest.raises(ValueError, match="holds another set"):
         collect(TASK, 2, tmp_path)
-    with pytest.raises(ValueError, match="world must be one of home, .*elsewhere, got 'mars'"):
+    with pytest.raises(ValueError, match=r"world must be one of home, .*elsewhere, got 'mars'"):
         collect(TASK, 1, tmp_path / "new", world="mars")
 
 
