@@ -31,13 +31,31 @@ from gem_lite.tabletop.world import Observation
 HEIGHT_SCALE = 0.05
 """Metres that become 1 in a network's height channel."""
 TABLE_GRAY = 0.2
-"""The bare table's colour, of 1; a network's colours are measured from it."""
+"""About the bare table's colour, of 1; a network's colours are measured from it."""
+TABLE_LEVEL = 49
+"""The bare table's gray level, of 255, in the light in which demonstrations are collected."""
+BARE = 0.005
+"""Metres below which a cell of the height map shows the bare table."""
 RGBD = 4
 
 
+def exposure(heightmap: HeightMap) -> float:
+    """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
+
+    A brighter lamp makes table and objects brighter alike, and the table is the same in every scene. So it
+    tells how bright the lamp is, as a photographer's gray card does.
+    """
+    bare = heightmap.rgb[heightmap.height < BARE]
+    level = float(np.median(bare)) if len(bare) else TABLE_LEVEL
+    return TABLE_LEVEL / max(level, 1.0)
+
+
 def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
-    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is 0."""
-    rgb = torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
+    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is about 0.
+
+    Colours are those of the demonstrations' light, whatever the light of the scene: see `exposure`.
+    """
+    rgb = exposure(heightmap) * torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
     height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
     return torch.cat([rgb, height])
 

@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from gem_lite.policy import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
 from gem_lite.se2 import Workspace
 from gem_lite.tabletop import tasks
+from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 from gem_lite.tabletop.tasks.spawn import FreeSpace
 from gem_lite.tabletop.world import World
 from gem_lite.tabletop.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle
@@ -30,6 +32,26 @@ def test_another_look_is_the_same_layout(name):
     assert changed_instruction == instruction
     assert changed_poses == pytest.approx(poses, abs=1e-9)
     assert (np.abs(changed_picture - picture).max(axis=-1) > 5).mean() > 0.2
+
+
+def test_networks_see_the_light_of_the_demonstrations():
+    medians = {}
+    for name in ("home", "varied", "white-floor", "shadows", "bright-light"):
+        with World(style=WORLDS[name]) as world:
+            observation = world.reset(tasks.make(BOWL_TASK, "val"), tasks.episode_seed("val", 0))
+        heightmap = fuse_views(observation.views, Workspace())
+        medians[name] = np.median(heightmap.rgb)
+        assert (to_rgbd(heightmap)[:3].median() + TABLE_GRAY) * 255 == pytest.approx(TABLE_LEVEL, abs=0.01)
+        if name in ("home", "varied", "white-floor"):
+            assert exposure(heightmap) == 1.0
+    assert medians["bright-light"] > 1.3 * medians["home"] > 1.3 * medians["shadows"]
+
+
+def test_without_a_bare_cell_colours_stay():
+    workspace = Workspace()
+    rgb = np.full((*workspace.shape, 3), 200, np.uint8)
+    covered = HeightMap(workspace, rgb, np.full(workspace.shape, 0.05, np.float32), np.ones(workspace.shape, bool))
+    assert exposure(covered) == 1.0
 
 
 def test_shadows_are_cast():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gem_lite import colors
 from gem_lite.tabletop.cameras import LIGHT, Light
@@ -44,7 +44,7 @@ TRAINING_BOWLS = (
     BowlProfile(rim=0.062, base=0.04, height=0.028, wall=0.004, floor=0.006),
     BowlProfile(rim=0.055, base=0.042, height=0.045, wall=0.008, floor=0.008),
 )
-"""Profiles of demonstrations in the world "varied"; `OTHER_BOWLS` are none of them."""
+"""Profiles of demonstrations in the worlds "varied" and "crowded"; `OTHER_BOWLS` are none of them."""
 OTHER_BOWLS = (
     BowlProfile(rim=0.06, base=0.036, height=0.04, wall=0.005, floor=0.008, bend=0.5),
     BowlProfile(rim=0.054, base=0.054, height=0.036, wall=0.003, floor=0.003),
@@ -52,14 +52,16 @@ OTHER_BOWLS = (
 )
 
 HOME = WorldStyle()
+VARIED = WorldStyle(
+    "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06), plates=((0.05, 0.005), (0.056, 0.008)),
+    touching=0.25, at_edge=0.15,
+)  # fmt: skip
 WORLDS = {
     style.name: style
     for style in (
         HOME,
-        WorldStyle(
-            "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06), plates=((0.05, 0.005), (0.056, 0.008)),
-            touching=0.25, at_edge=0.15,
-        ),
+        VARIED,
+        replace(VARIED, name="crowded", touching=0.5),
         WorldStyle("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
         WorldStyle("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
         WorldStyle("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
@@ -67,4 +69,4 @@ WORLDS = {
         WorldStyle("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
     )
 }  # fmt: skip
-"""Every world by its name. Demonstrations come from "home" or "varied"; the others test what was learned there."""
+"""Every world by its name. Demonstrations come from "home", "varied" or "crowded"; the others only test."""
