@@ -101,17 +101,19 @@ def show_worlds(panels: dict[str, dict[str, dict[str, Cell]]], title: str = "") 
     """Means with 95 % intervals in several worlds: a panel for each task family, a row for each world.
 
     Args:
-        panels: family to set of words ("seen", "unseen") to world to cell.
+        panels: family to set of words ("seen", "unseen") to world to cell. A world that a panel does not have
+            leaves its row empty there.
     """
+    worlds = list(dict.fromkeys(world for sets in panels.values() for cells in sets.values() for world in cells))
     fig, axes = plt.subplots(1, len(panels), figsize=(3.4 * len(panels), 3.4), sharey=True, layout="constrained")
     for ax, (family, sets) in zip(np.atleast_1d(axes), panels.items(), strict=True):
         for number, (label, cells) in enumerate(sets.items()):
-            rows = np.arange(len(cells)) + 0.24 * (number - (len(sets) - 1) / 2)
+            rows = np.array([worlds.index(world) for world in cells]) + 0.24 * (number - (len(sets) - 1) / 2)
             means = np.array([cell.mean for cell in cells.values()])
             ends = np.array([cell.interval for cell in cells.values()]).T
             reach = np.clip([means - ends[0], ends[1] - means], 0, None)
             ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=f"C{number}", label=label)
-            ax.set_yticks(range(len(cells)), cells)
+        ax.set_yticks(range(len(worlds)), worlds)
         ax.set(xlim=(-3, 103), xlabel="success (0-100)", title=family)
         ax.grid(alpha=0.3)
     np.atleast_1d(axes)[0].invert_yaxis()

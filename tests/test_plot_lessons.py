@@ -129,6 +129,14 @@ def test_worlds_are_rows_with_their_intervals():
     assert ax.get_ylim()[0] > ax.get_ylim()[1], "the first world must be the upper one"
 
 
+def test_each_world_keeps_its_row_in_every_panel():
+    one, two, three = cells(30, 60, 90)
+    few = {"seen": {"home": one, "touching": two}}
+    fig = plot_results.show_worlds({"bowl": {"seen": {"home": three, "shadows": two, "touching": one}}, "pyramid": few})
+    assert [label.get_text() for label in fig.axes[0].get_yticklabels()] == ["home", "shadows", "touching"]
+    assert [ax.containers[0].lines[0].get_ydata().tolist() for ax in fig.axes] == [[0, 1, 2], [0, 2]]
+
+
 def test_failures_show_scene_maps_and_reason():
     heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
     logits = np.zeros((36, *W.shape), np.float32)
