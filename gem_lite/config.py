@@ -28,6 +28,9 @@ ABLATIONS = {
     "without-steerable-kernel": Ablation("one unrotated kernel for all angles", {"kernels": "unrotated"}),
     "with-free-kernels": Ablation("a kernel of its own for each angle, not tied by rotation", {"kernels": "free"}),
     "without-image-map": Ablation("no image-conditioned map", {"image_weight": 0.0}),
+    "with-wide-patches": Ablation(
+        "side views are cut into the paper's patches, twice as wide", {"patch": 40, "stride": 20}
+    ),
     "without-recoloring": Ablation(
         "training shows the colours as they are", {"recolor": False}, ("gem", "cliport", "cliport-grounded")
     ),
@@ -47,6 +50,7 @@ ABLATIONS = {
     ),
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
     "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
+    "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "without-empty-spots": Ablation(
         "a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}, EVERY_METHOD
     ),
@@ -55,7 +59,7 @@ ABLATIONS = {
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off what is ours: recolouring, map scaling, conjuncts, empty spots."""
+off what is ours: narrow patches, recolouring, map scaling, conjuncts, empty spots."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ class Config:
     Attributes:
         table: length of the table (m); it is half as wide.
         pixel: size of a height map's cell (m).
-        patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view).
+        patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view). The paper's are 40 and 20. In
+            `lite` a patch is about as wide as a block, so that it shows one of two blocks that touch.
         top_patch, top_stride: CLIP patches of the height map (m).
         text_weight, image_weight: w1 and w2 of Eq. 4.
         drop_image_map: how often training hides the image-conditioned map.
@@ -85,6 +90,8 @@ class Config:
         own_crop: whether training may retrieve a crop of the step's own demonstration.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         empty_radius: a pick keeps so far (m) away from where the tool has just grasped nothing.
+        peak_margin, peak_radius: a pick lies at most so far (m, ``peak_radius``) from where its map is at most
+            ``peak_margin`` below its highest value; with None for the margin it may lie anywhere.
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`) for methods that
             see colours through CLIP as well.
         joins: at how many levels Transporter-Lan's U-Nets are told the words, from the bottleneck up. The paper's has
@@ -98,8 +105,8 @@ class Config:
     name: str = "lite"
     table: float = 1.0
     pixel: float = 0.00625
-    patch: int = 40
-    stride: int = 20
+    patch: int = 20
+    stride: int = 10
     top_patch: float = 0.125
     top_stride: float = 0.0625
     text_weight: float = 0.8
@@ -112,6 +119,8 @@ class Config:
     recolor: bool = True
     turn: bool = True
     empty_radius: float = 0.0125
+    peak_margin: float | None = 0.1
+    peak_radius: float = 0.0125
     rotations: int = 180
     frequency: int = 8
     angles: int = 36
@@ -193,6 +202,8 @@ class Config:
 LITE = Config()
 PAPER = Config(
     name="paper",
+    patch=40,
+    stride=20,
     pixel=0.003125,
     frequency=16,
     angles=72,

@@ -29,7 +29,7 @@ def main() -> None:
     def report(cell: nbformat.NotebookNode, **_: object) -> None:
         if cell.cell_type != "code":
             return
-        title = next(line for line in cell.source.splitlines() if "NBVAL" not in line).lstrip("# ")
+        title = cell.source.splitlines()[0].lstrip("# ")
         print(f"[{code.index(cell) + 1}/{len(code)}, {time.time() - began:4.0f} s] {title}", flush=True)
         for output in cell.outputs:
             if output.output_type == "stream" and output.name == "stdout":

@@ -99,6 +99,28 @@ def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
     )
 
 
+def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: Config) -> torch.Tensor:
+    """The allowed cells beside which a semantic map is at most ``config.peak_margin`` below its highest allowed value.
+
+    The networks weigh a map against what they see; a block between two others may look less like a demonstrated pick
+    than the one at the row's end. Here the map's ranking of the objects has the last word.
+
+    Args:
+        semantic: (..., H, W); the peak is taken over all of it.
+        allowed: (..., H, W) bool, at least one of them.
+
+    Returns:
+        (..., H, W) bool. All of ``allowed`` without a margin.
+    """
+    if config.peak_margin is None:
+        return allowed
+    highest = (semantic >= semantic[allowed].max() - config.peak_margin) & allowed
+    reach = round(config.peak_radius / config.pixel)
+    maps = highest.float().reshape(-1, 1, *highest.shape[-2:])
+    near = nn.functional.max_pool2d(maps, 2 * reach + 1, stride=1, padding=reach)
+    return near.view_as(semantic).bool() & allowed
+
+
 @dataclass(frozen=True)
 class Decision(Choice):
     """Everything on the way from a sentence to an action, for figures.
@@ -182,6 +204,10 @@ class Policy(PickPlacePolicy):
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
         """See `PickPlacePolicy`."""
         return self.pick(inputs.image[:, :RGBD], inputs.image[:, 4:5], inputs.pick_words)
+
+    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
+        """See `PickPlacePolicy`; besides, only where the pick's semantic map is near its peak."""
+        return near_peak(inputs.image[RGBD], super().candidates(inputs, empty_picks), self.config)
 
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         """See `PickPlacePolicy`."""

@@ -192,7 +192,9 @@ def choose(policy: gem.Policy, observations: Sequence[Observation], instruction:
 
     words = inputs.pick_words
     pick_logits = score_tables(policy.pick, inputs, RGBD, words, policy.pick.kernel(words[:1]))
-    pick_table, (angle, *pixel) = best(pick_logits)
+    semantic = inputs.image[:, RGBD]
+    candidates = gem.near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), policy.config)
+    pick_table, (angle, *pixel) = best(pick_logits.masked_fill(~candidates[:, None], -torch.inf))
     pick = Pose2(*workspace.to_world(*pixel), bins[angle])
     held = inputs.image[pick_table : pick_table + 1, : RGBD + 1]
     kernel = policy.place.kernel(crop_at(held, torch.tensor([pixel]), policy.config.crop))

@@ -35,10 +35,12 @@ from gem_lite.tabletop.world import World
 KINDS = ("bowls", "shapes")
 """Cluttered put-block-in-bowl scenes, and scenes of kitting pieces; both in the unseen colours."""
 MATCHED = "matched-single-view"
-"""A map from patches of the height map that are as wide as the side views' patches are on the table, on average."""
-MAPS = ("fused", "single-view", MATCHED, "image", "blended")
-"""The text-conditioned maps of three views and of the height map alone (its own patches, and `MATCHED`), the
-image-conditioned one, and Eq. 4."""
+"""A map from patches of the height map that are as wide as those of `WIDE` are on the table, on average."""
+WIDE = "wide-patches"
+"""A map of three views like "fused", from the paper's patches of 40 pixels (`embed_wide`)."""
+MAPS = ("fused", WIDE, "single-view", MATCHED, "image", "blended")
+"""The text-conditioned maps of three views (the configuration's patches, and `WIDE`) and of the height map alone (its
+own patches, and `MATCHED`), the image-conditioned one, and Eq. 4."""
 FIRST = 3000
 """Scene i comes from test seed ``FIRST + i``: evaluations stay below, and calibration uses validation seeds."""
 RADIUS = 0.02
@@ -189,15 +191,26 @@ def _check(kind: str) -> None:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
 
 
+def embed_wide(views: Sequence[View], model: Clip, settings: Config = config.LITE) -> SceneEmbedding:
+    """A scene's side views in the paper's patches."""
+    return semantic_map.embed_scene(views, model, settings.ablated(f"with-{WIDE}"))
+
+
 def maps(
-    embedding: SceneEmbedding, phrase: str, model: Clip, memory: CropMemory | None, settings: Config = config.LITE
-) -> dict[str, np.ndarray]:
-    """All `MAPS` (H, W) of a phrase by name; without "image" where retrieval finds no crop."""
+    embedding: SceneEmbedding, wide: SceneEmbedding, phrase: str, model: Clip, memory: CropMemory | None,
+    settings: Config = config.LITE,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """All `MAPS` (H, W) of a phrase by name; without "image" where retrieval finds no crop.
+
+    Args:
+        wide: the same scene by `embed_wide`.
+    """
     text = semantic_map.text_conditioned_map(embedding, phrase, model)
     image = semantic_map.image_conditioned_map(embedding, phrase, model, memory)
     matched = semantic_map.with_top_patches(embedding, model, settings.ablated(f"with-{MATCHED}"))
     found = {
         "fused": text,
+        WIDE: semantic_map.text_conditioned_map(wide, phrase, model),
         "single-view": semantic_map.single_view_map(embedding, phrase, model),
         MATCHED: semantic_map.single_view_map(matched, phrase, model),
         "image": image,
@@ -219,12 +232,13 @@ def point(
 
 
 def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: Config = config.LITE) -> list[Pointing]:
-    """Let every map answer every question of a scene, which is embedded once."""
+    """Let every map answer every question of a scene, which is embedded once for each size of patches."""
     embedding = semantic_map.embed_scene(scene.views, model, settings)
+    wide = embed_wide(scene.views, model, settings)
     return [
         point(semantic, name, scene, question, settings)
         for question in scene.questions
-        for name, semantic in maps(embedding, question[0], model, memory, settings).items()
+        for name, semantic in maps(embedding, wide, question[0], model, memory, settings).items()
     ]
 
 

@@ -185,7 +185,8 @@ def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, in
 class Choice:
     """A decision and what it was read from.
 
-    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col).
+    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col), the best
+    of the logits; for the pick, of those where `PickPlacePolicy.candidates` allows one.
     """
 
     instruction: str
@@ -314,6 +315,10 @@ class PickPlacePolicy(ABC):
             "place": cross_entropy(self.score_place(inputs, pixels), places),
         }
 
+    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
+        """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
+        return ~near_any(empty_picks, self.config)
+
     def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Action:
         """One pick and place.
 
@@ -340,9 +345,10 @@ class PickPlacePolicy(ABC):
         """The best pick, then the best place for it."""
         self.pick.eval()
         self.place.eval()
+        candidates = self.candidates(inputs, empty_picks)
         inputs = collate([inputs], self.device)
-        pick_logits = self.score_pick(inputs)[0].cpu().masked_fill(near_any(empty_picks, self.config), -torch.inf)
-        pick_cell = _argmax(pick_logits)
+        pick_logits = self.score_pick(inputs)[0].cpu()
+        pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))
         place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
         place_cell = _argmax(place_logits)
         workspace, angles = self.config.workspace, angle_bins(self.config.angles)

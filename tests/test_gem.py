@@ -9,7 +9,7 @@ import torch
 from gem_lite import methods, networks
 from gem_lite.augment import apply, random_motion, recolored, rescaled
 from gem_lite.config import LITE, PAPER, Config
-from gem_lite.gem import PickModule, PlaceModule
+from gem_lite.gem import PickModule, PlaceModule, near_peak
 from gem_lite.networks import CropKernel, LanguageKernel, UNet
 from gem_lite.policy import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.se2 import ImageMotion
@@ -244,3 +244,20 @@ def test_motions_without_turns_only_shift():
     motions = [random_motion(np.random.default_rng(i), (160, 80), [(80.0, 40.0)], turn=False) for i in range(20)]
     assert {motion.angle for motion in motions} == {0.0}
     assert len({motion.shift for motion in motions}) == 20
+
+
+def test_the_pick_stays_near_the_peak_of_its_map():
+    config = dataclasses.replace(SMALL, peak_margin=0.1, peak_radius=1.4 * SMALL.pixel)
+    semantic = torch.zeros(2, 8, 8)
+    semantic[0, 2, 2] = 1.0
+    semantic[1, 5, 5] = 0.95
+    semantic[1, 1, 6] = 0.85
+    allowed = torch.ones_like(semantic, dtype=torch.bool)
+    near = near_peak(semantic, allowed, config)
+    assert near[0, 1:4, 1:4].all() and near[1, 4:7, 4:7].all()
+    assert near.sum() == 18, "one peak on each of two tables; the third value is too low"
+    # An excluded peak is none: then the next one counts.
+    allowed[0, 2, 2] = allowed[1, 5, 5] = False
+    near = near_peak(semantic, allowed, config)
+    assert near[1, 0:3, 5:8].all() and near.sum() == 9
+    assert torch.equal(near_peak(semantic, allowed, dataclasses.replace(config, peak_margin=None)), allowed)

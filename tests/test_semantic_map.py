@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -148,6 +150,19 @@ def test_top_patches_of_another_size_are_those_of_a_scene_embedded_with_it(scene
     assert other.sides is scene.sides
     whole = semantic_map.embed_scene(observation.views, model, matched)
     assert torch.allclose(other.top.values, whole.top.values, atol=1e-5)
+
+
+def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):
+    scene, _, _, observation = scene_and_truth
+    noise = np.random.default_rng(0).integers(0, 255, observation.views[0].rgb.shape, np.uint8)
+    views = [
+        dataclasses.replace(view, rgb=np.where(kept[..., None], view.rgb, noise))
+        for view, kept in zip(observation.views, scene.points.kept, strict=True)
+    ]
+    other = semantic_map.embed_scene(views, model, LITE)
+    before, after = (semantic_map.text_conditioned_map(s, "red block", model) for s in (scene, other))
+    assert np.array_equal(before, after)
+    assert np.array_equal(semantic_map.within(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb)
 
 
 def test_plateau_centre_is_the_middle_of_the_brightest_region():
