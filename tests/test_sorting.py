@@ -1,5 +1,6 @@
 """object-sorting: its symbols, the CLIP words for them, measuring over several tables, and the drawings."""
 
+import dataclasses
 import json
 import math
 import sys
@@ -12,7 +13,8 @@ import torch
 from gem_lite import clip, clip_crops, evaluate_mobile, mobile, plot_mobile, results, vocabulary
 from gem_lite.config import LITE
 from gem_lite.evaluate_mobile import Condition, Outcome
-from gem_lite.gem import Policy
+from gem_lite.gem import Policy, near_peak
+from gem_lite.policy import RGBD
 from gem_lite.results import Cell
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import symbols, tasks
@@ -188,9 +190,19 @@ def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
 # Drawings
 
 
-def test_stitched_figure_marks_pick_and_place_on_their_tables(world, policy):
+def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     task = tasks.make("object-sorting-seen", "val")
     choice = mobile.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    semantic = choice.inputs.image[:, RGBD]
+    near = near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
+    row, col = (round(i) for i in MOBILE.workspace.to_pixel(choice.pick.x, choice.pick.y))
+    assert near[choice.pick_table, row, col] and near.float().mean() < 0.1
+
+
+def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
+    free = Policy(dataclasses.replace(MOBILE, peak_margin=None), clip.load(), seed=0)
+    task = tasks.make("object-sorting-seen", "val")
+    choice = mobile.choose(free, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     fig = plot_mobile.show_stitched(choice, "some CLIP")
     shown = [ax for ax in fig.axes if ax.get_title()]
     assert len(shown) == 5 and all(ax.images[0].get_array().shape[:2] == (160, 160) for ax in shown)
