@@ -70,7 +70,7 @@ class Config:
         table: length of the table (m); it is half as wide.
         pixel: size of a height map's cell (m).
         patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view). The paper's are 40 and 20. In
-            `lite` a patch is about as wide as a block, so that it shows one of two blocks that touch.
+            `lite` a patch is about as wide as a block, so that some patches show one of two blocks that touch.
         top_patch, top_stride: CLIP patches of the height map (m).
         text_weight, image_weight: w1 and w2 of Eq. 4.
         drop_image_map: how often training hides the image-conditioned map.

@@ -102,8 +102,8 @@ def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
 def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: Config) -> torch.Tensor:
     """The allowed cells beside which a semantic map is at most ``config.peak_margin`` below its highest allowed value.
 
-    The networks weigh a map against what they see; a block between two others may look less like a demonstrated pick
-    than the one at the row's end. Here the map's ranking of the objects has the last word.
+    The networks weigh a map against all else that they see, and may prefer an object on which the map is low. Here the
+    map's ranking of the objects comes first, and the networks choose among what is left.
 
     Args:
         semantic: (..., H, W); the peak is taken over all of it.

@@ -140,24 +140,24 @@ def embed_scene(views: Sequence[View], clip: Clip, config: Config) -> SceneEmbed
     points = sort_points(views, config.workspace)
     heightmap = fuse_views(views, config.workspace, points)
     sides = tuple(
-        embed_patches(within(view.rgb, kept), PatchGrid(kept.shape, config.patch, config.stride), clip, kept)
+        embed_patches(paint_outside(view.rgb, kept), PatchGrid(kept.shape, config.patch, config.stride), clip, kept)
         for view, kept in zip(views, points.kept, strict=True)
     )
     return SceneEmbedding(heightmap, points, sides, lambda: embed_patches(heightmap.rgb, top_grid(config), clip))
 
 
-def within(rgb: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def paint_outside(rgb: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """The picture (H, W, 3) with what lies outside the workspace in the table's colour.
 
     So a patch at the table's edge tells nothing of the floor or of what stands beside the table. Most of these
     patches then equal the bare table, which `embed_patches` embeds once.
 
     Args:
-        kept: (H, W) bool, the pixels inside the workspace; the table's colour is their median.
+        inside: (H, W) bool, the pixels inside the workspace; the table's colour is their median.
     """
-    if not kept.any():
+    if not inside.any():
         return rgb
-    return np.where(kept[..., None], rgb, np.median(rgb[kept], axis=0).astype(np.uint8))
+    return np.where(inside[..., None], rgb, np.median(rgb[inside], axis=0).astype(np.uint8))
 
 
 def with_top_patches(scene: SceneEmbedding, clip: Clip, config: Config) -> SceneEmbedding:

@@ -162,7 +162,9 @@ def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):
     other = semantic_map.embed_scene(views, model, LITE)
     before, after = (semantic_map.text_conditioned_map(s, "red block", model) for s in (scene, other))
     assert np.array_equal(before, after)
-    assert np.array_equal(semantic_map.within(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb)
+    assert np.array_equal(
+        semantic_map.paint_outside(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb
+    )
 
 
 def test_plateau_centre_is_the_middle_of_the_brightest_region():

@@ -187,9 +187,6 @@ def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
     assert stopped.value.code == 2 and "world must be one of home" in capsys.readouterr().err
 
 
-# Drawings
-
-
 def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     task = tasks.make("object-sorting-seen", "val")
     choice = mobile.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
@@ -197,6 +194,9 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     near = near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
     row, col = (round(i) for i in MOBILE.workspace.to_pixel(choice.pick.x, choice.pick.y))
     assert near[choice.pick_table, row, col] and near.float().mean() < 0.1
+
+
+# Drawings
 
 
 def test_stitched_figure_marks_pick_and_place_on_their_tables(world):

@@ -8,7 +8,7 @@ from timing import seconds
 
 from gem_lite import clip, semantic_map
 from gem_lite.config import LITE
-from gem_lite.semantic_map import PatchEmbeddings, PatchGrid, embed_patches, patchify
+from gem_lite.semantic_map import PatchEmbeddings, PatchGrid, embed_patches, paint_outside, patchify
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.heightmap import sort_points
 from gem_lite.tabletop.world import World
@@ -32,6 +32,9 @@ def main() -> None:
     grid = PatchGrid(views[0].rgb.shape[:2], LITE.patch, LITE.stride)
     rows, cols = (len(starts) for starts in grid.starts())
     words = model.embed_texts([PHRASE])[0]
+    inside = sort_points(views, LITE.workspace).kept
+    in_rows, in_cols = grid.coverage()
+    meets = [in_rows.T @ kept.astype(np.float32) @ in_cols > 0 for kept in inside]  # (m, n) of each view
 
     def fused(embed: Callable[[np.ndarray, PatchGrid, clip.Clip], PatchEmbeddings]) -> np.ndarray:
         points = sort_points(views, LITE.workspace)
@@ -40,6 +43,13 @@ def main() -> None:
     def library() -> np.ndarray:
         return semantic_map.text_conditioned_map(semantic_map.embed_scene(views, model, LITE), PHRASE, model)
 
+    for name, pictures in (
+        ("as they are", [view.rgb for view in views]),
+        ("outside painted", [paint_outside(view.rgb, kept) for view, kept in zip(views, inside, strict=True)]),
+    ):
+        cut = [patchify(picture, grid, wanted) for picture, wanted in zip(pictures, meets, strict=True)]
+        different = sum(len(np.unique(patches.reshape(len(patches), -1), axis=0)) for patches in cut)
+        print(f"{name}: {sum(map(len, cut))} patches meet the workspace, {different} of them are different")
     fused(embed_patches)  # warm up
     print(f"{model.name}, {torch.get_num_threads()} threads; three views of {rows} x {cols} = {rows * cols} patches")
     fast, by_batch = seconds(lambda: fused(embed_patches), REPEATS)
