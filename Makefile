@@ -10,7 +10,7 @@ help:
 	@echo "make demo   set up, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, the unit tests and every notebook"
-	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (an hour)"
+	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make clean  remove the environment and what runs left behind"
 
 check-python:

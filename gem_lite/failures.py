@@ -36,7 +36,8 @@ def reason(choice: Choice, expert: ExpertAction, wanted: tuple[str, str], found:
     """One line on what was wrong with an action, the first cause first.
 
     Args:
-        wanted, found: what lies at the expert's and at the policy's pick and place.
+        wanted: what lies at the expert's pick and place.
+        found: the same for the policy; what the tool lifted counts more than what lies under the pick.
         grasped: whether the tool held anything.
     """
     right, done = expert.action, choice.action
@@ -61,16 +62,24 @@ def first_failure(
         ValueError: unknown task or split.
     """
     task = tasks.make(task_name, split)
+    lifted: list[str] = []
+
+    def note_what_is_lifted(moment: str) -> None:
+        if moment == "picked" and world.gripper.held is not None:
+            lifted.append(task.names[world.gripper.held])
+
     observation, done = world.reset(task, tasks.episode_seed(split, index)), False
     while not done:
+        lifted.clear()
         choice, expert = policy.decide(observation, task.instruction), task.expert(world)
         wanted, found = (
             tuple(thing_at(world, pose) for pose in (action.pick, action.place))
             for action in (expert.action, choice.action)
         )
-        step = world.step(choice.action)
+        step = world.step(choice.action, note_what_is_lifted)
         if np.isclose(step.reward, 0) or step.reward < 0:
-            why = reason(choice, expert, wanted, found, step.grasped)
+            picked = lifted[0] if lifted else found[0]
+            why = reason(choice, expert, wanted, (picked, found[1]), step.grasped)
             return Failure(index, world.steps_taken, choice, why)
         observation, done = step.observation, step.done
     return None

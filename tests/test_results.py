@@ -14,6 +14,8 @@ from gem_lite.se2 import Action, Pose2
 from gem_lite.statistics import mean_and_interval
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.tasks import ExpertAction
+from gem_lite.tabletop.world import World
+from gem_lite.tabletop.worlds import WORLDS
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -303,3 +305,16 @@ def test_thing_at_names_what_lies_on_top(world):
         pose, _ = world.pose(body)
         assert failures.thing_at(world, pose) == task.names[body.id]
     assert failures.thing_at(world, Pose2(world.workspace.x_min, world.workspace.y_min)) == "table"
+
+
+def test_a_reason_names_what_the_tool_lifted():
+    """Two blocks touch; the pick lies on the named one, and the tool takes hold of its neighbour."""
+
+    class Stubborn:
+        def decide(self, observation, instruction):
+            action = Action(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
+            return Choice(instruction, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
+
+    with World(style=WORLDS["touching"]) as touching:
+        failure = failures.first_failure(touching, Stubborn(), TASK, 24)
+    assert failure.reason == "picked the purple block, not the green block"
