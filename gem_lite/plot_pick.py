@@ -73,16 +73,23 @@ def show_loss(losses: Sequence[float], levels: dict[str, float], window: int = 2
 
 
 def show_yaws(truth: np.ndarray, chosen: dict[str, np.ndarray], symmetry: float) -> Figure:
-    """Chosen yaws (N,) against true ones (N,), radians, modulo ``symmetry``; the grey line is right."""
+    """Chosen yaws (N,) against true ones (N,), radians, modulo ``symmetry``.
+
+    The grey line is right; on the dotted ones the choice is a quarter of ``symmetry`` off.
+    """
     period = np.degrees(symmetry)
     fig, ax = plt.subplots(figsize=(4.9, 4.0), layout="constrained")
     ax.plot([0, period], [0, period], color="0.7", lw=5, zorder=0, label="right")
     for i, (name, yaws) in enumerate(chosen.items()):
         ax.plot(np.degrees(truth) % period, np.degrees(yaws) % period, "osD^"[i % 4], ms=5, color=f"C{i}", label=name)
+    for start in (-0.75, -0.25, 0.25, 0.75):
+        ax.axline((0, start * period), slope=1, color="0.6", ls=":", zorder=0)
+    ax.lines[-1].set_label(f"{period / 4:.0f}° off")
     ticks = np.arange(0, period + 1, period / 4)
     ax.set(
-        xlabel="the bar's yaw (degrees)", ylabel=f"chosen pick yaw, modulo {period:.0f}°", xticks=ticks, yticks=ticks
-    )
+        xlabel="the bar's yaw (degrees)", ylabel=f"chosen pick yaw, modulo {period:.0f}°", xticks=ticks, yticks=ticks,
+        xlim=(-4, period + 4), ylim=(-4, period + 4),
+    )  # fmt: skip
     ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     ax.grid(alpha=0.3)
     return fig
@@ -102,6 +109,34 @@ def show_choices(cases: Sequence[tuple[str, np.ndarray, np.ndarray, Pose2]], wor
         for ax in (above, below):
             ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
     axes[1, 0].set_ylabel("logit - best logit", fontsize=9)
+    return fig
+
+
+def show_rule(
+    cases: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, Pose2, Pose2]], workspace: Workspace
+) -> Figure:
+    """What `gem.near_peak` changes: the scene and the semantic map around two picks, the allowed cells outlined.
+
+    Args:
+        cases: title, picture (H, W, 3), map (H, W), allowed cells (H, W) bool, and the picks without and with the rule.
+    """
+    fig, axes = plt.subplots(
+        2, len(cases), figsize=(2.6 * len(cases), 6.2), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for (above, below), (title, picture, semantic, allowed, without, with_rule) in zip(axes.T, cases, strict=True):
+        bare(above, title).imshow(picture)
+        _small_bar(bare(below), below.imshow(semantic, cmap="inferno", vmin=0, vmax=1))
+        below.contour(allowed, levels=[0.5], colors="white", linewidths=1.2)
+        spots = np.array([workspace.to_pixel(pose.x, pose.y) for pose in (without, with_rule)])
+        middle, reach = spots.mean(axis=0), max(16.0, np.ptp(spots, axis=0).max() / 2 + 8)
+        for ax in (above, below):
+            for (row, col), marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
+                ax.plot(col, row, marker, ms=11, mfc="none", mec="black", mew=4)
+                ax.plot(col, row, marker, ms=11, mfc="none", mec="white", mew=1.8, label=label)
+            ax.set(xlim=(middle[1] - reach, middle[1] + reach), ylim=(middle[0] + reach, middle[0] - reach))
+            ax.set_facecolor("0.7")
+    axes[0, 0].legend(fontsize=8, loc="lower left", facecolor="0.4", labelcolor="white")
+    axes[1, 0].set_ylabel("semantic map; outlined: where a pick may lie", fontsize=9)
     return fig
 
 

@@ -81,6 +81,20 @@ def test_choices_mark_the_pick_in_scene_and_map():
     assert (ring.get_xdata()[0], ring.get_ydata()[0]) == pytest.approx((20, 40), abs=0.5)
 
 
+def test_the_rule_is_outlined_and_both_picks_are_in_sight():
+    semantic, allowed = np.zeros(W.shape), np.zeros(W.shape, bool)
+    allowed[35:45, 15:25] = True
+    other = Pose2(POSE.x - 0.2, POSE.y, 0.0)
+    fig = plot_pick.show_rule([("a", np.zeros((*W.shape, 3)), semantic, allowed, other, POSE)], W)
+    above, below = fig.axes[:2]
+    assert len(below.collections) == 1, "the outline"
+    for ax in (above, below):
+        for pose in (other, POSE):
+            row, col = W.to_pixel(pose.x, pose.y)
+            assert ax.get_xlim()[0] < col < ax.get_xlim()[1] and ax.get_ylim()[1] < row < ax.get_ylim()[0]
+    assert [text.get_text() for text in above.get_legend().get_texts()] == ["without the rule", "with the rule"]
+
+
 def test_losses_are_smoothed_and_have_a_colour_for_each_method():
     fig = plot_results.show_losses({"gem": np.ones((60, 2)), "cliport": 2 * np.ones((60, 2))}, (1.0, 1.5), window=10)
     lines = {line.get_label(): line for line in fig.axes[0].lines}
