@@ -204,7 +204,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description="Measure a policy over test episodes; prints the mean with its 95 % interval and writes the row.",
         epilog=methods.HELP
-        + "\n  expert, expert-rounded, random          need no checkpoint; expert-rounded is a policy's ceiling"
+        + "\n  expert, expert-rounded, random          need no checkpoint; expert-rounded: what rounding alone costs"
         "\n\nexample: python -m gem_lite.evaluate gem put-block-in-bowl-unseen-colors "
         "--checkpoint data/gem-put-block-in-bowl.safetensors",
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -82,9 +82,8 @@ def show_yaws(truth: np.ndarray, chosen: dict[str, np.ndarray], symmetry: float)
     ax.plot([0, period], [0, period], color="0.7", lw=5, zorder=0, label="right")
     for i, (name, yaws) in enumerate(chosen.items()):
         ax.plot(np.degrees(truth) % period, np.degrees(yaws) % period, "osD^"[i % 4], ms=5, color=f"C{i}", label=name)
-    for start in (-0.75, -0.25, 0.25, 0.75):
-        ax.axline((0, start * period), slope=1, color="0.6", ls=":", zorder=0)
-    ax.lines[-1].set_label(f"{period / 4:.0f}° off")
+    for start, label in ((0.25, f"{period / 4:.0f}° off"), (0.75, None), (-0.25, None), (-0.75, None)):
+        ax.axline((0, start * period), slope=1, color="0.6", ls=":", zorder=0, label=label)
     ticks = np.arange(0, period + 1, period / 4)
     ax.set(
         xlabel="the bar's yaw (degrees)", ylabel=f"chosen pick yaw, modulo {period:.0f}°", xticks=ticks, yticks=ticks,

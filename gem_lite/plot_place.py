@@ -110,7 +110,7 @@ class CloseUp:
 
 
 def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float = 0.11) -> Figure:
-    """The table around the right place, with the chosen pose in red and the right one in white; below, its heights.
+    """The table around the right place, with the chosen pose in black and the right one in white; below, its heights.
 
     Args:
         radius: how much is shown, from the right place to the edge (m).
@@ -123,7 +123,7 @@ def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float =
         row, col = w.to_pixel(shown.right.x, shown.right.y)
         half = radius / w.pixel
         draw_gripper(column[0], shown.right, w, "white")
-        draw_gripper(column[0], shown.chosen, w, PLACE_COLOR)
+        draw_gripper(column[0], shown.chosen, w, "black")
         for ax in column:
             ax.set(xlim=(col - half, col + half), ylim=(row + half, row - half))
     fig.colorbar(heights, ax=axes[1], shrink=0.8, label="height (mm)")

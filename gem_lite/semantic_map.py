@@ -55,6 +55,11 @@ class PatchGrid:
             matrices.append(((pixel >= start) & (pixel < start + self.patch)).astype(np.float32))
         return matrices[0], matrices[1]
 
+    def meets(self, pixels: np.ndarray) -> np.ndarray:
+        """(m, n) bool: the patches that contain at least one of some ``pixels``, (H, W) bool."""
+        rows, cols = self.coverage()
+        return _product(rows.T, pixels, cols) > 0
+
 
 def patchify(image: np.ndarray, grid: PatchGrid, wanted: np.ndarray | None = None) -> np.ndarray:
     """P of Eq. 1: an (H, W, C) image to its (m, n, patch, patch, C) patches.
@@ -107,10 +112,7 @@ def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.nda
         image: (H, W, 3) uint8.
         wanted: (H, W) bool; patches that meet no wanted pixel are skipped, since nobody will read them.
     """
-    rows, cols = grid.coverage()
-    chosen = np.ones((rows.shape[1], cols.shape[1]), bool)
-    if wanted is not None:
-        chosen = _product(rows.T, wanted, cols) > 0
+    chosen = grid.meets(np.ones(grid.shape, bool) if wanted is None else wanted)
     values = torch.zeros(*chosen.shape, clip.dim)
     if chosen.any():
         patches = patchify(image, grid, chosen)  # (N, patch, patch, 3)

@@ -33,8 +33,6 @@ def main() -> None:
     rows, cols = (len(starts) for starts in grid.starts())
     words = model.embed_texts([PHRASE])[0]
     inside = sort_points(views, LITE.workspace).kept
-    in_rows, in_cols = grid.coverage()
-    meets = [in_rows.T @ kept.astype(np.float32) @ in_cols > 0 for kept in inside]  # (m, n) of each view
 
     def fused(embed: Callable[[np.ndarray, PatchGrid, clip.Clip], PatchEmbeddings]) -> np.ndarray:
         points = sort_points(views, LITE.workspace)
@@ -47,7 +45,7 @@ def main() -> None:
         ("as they are", [view.rgb for view in views]),
         ("outside painted", [paint_outside(view.rgb, kept) for view, kept in zip(views, inside, strict=True)]),
     ):
-        cut = [patchify(picture, grid, wanted) for picture, wanted in zip(pictures, meets, strict=True)]
+        cut = [patchify(picture, grid, grid.meets(kept)) for picture, kept in zip(pictures, inside, strict=True)]
         different = sum(len(np.unique(patches.reshape(len(patches), -1), axis=0)) for patches in cut)
         print(f"{name}: {sum(map(len, cut))} patches meet the workspace, {different} of them are different")
     fused(embed_patches)  # warm up
