@@ -90,13 +90,23 @@ class PhraseMaps:
 
 
 def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
-    """The maps of "X and Y": in each cell the larger of X's and Y's values."""
+    """The maps of "X and Y": in each cell the largest value of the members' maps, which first get one height.
+
+    CLIP may answer less to X than to Y wherever X lies. Without the scaling the joined map would then show Y alone.
+    """
     images = [member.image for member in members if member.image is not None]
     return PhraseMaps(
-        np.maximum.reduce([member.text for member in members]),
-        np.maximum.reduce(images) if images else None,
-        np.maximum.reduce([member.fused for member in members]),
+        _largest([member.text for member in members]),
+        _largest(images) if images else None,
+        _largest([member.fused for member in members]),
     )
+
+
+def _largest(maps: Sequence[np.ndarray]) -> np.ndarray:
+    """(H, W) maps to one: each is scaled until its peak is as high as the highest peak; a map without one stays."""
+    highest = max(float(member.max()) for member in maps)
+    scaled = [member * np.float32(highest / member.max()) if member.max() > 0 else member for member in maps]
+    return np.maximum.reduce(scaled)
 
 
 def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: Config) -> torch.Tensor:

@@ -279,21 +279,23 @@ def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeyp
     assert policy.to("cpu") is policy
 
 
-def test_the_maps_of_two_things_are_joined():
-    red, green = (np.array([[value, 0.1]], np.float32) for value in (0.9, 0.2))
-    both = joined([PhraseMaps(red, None, red), PhraseMaps(green[:, ::-1], green, green[:, ::-1])])
-    assert np.array_equal(both.fused, np.array([[0.9, 0.2]], np.float32))
+def test_the_maps_of_two_things_are_joined_at_one_height():
+    red, green = np.array([[0.9, 0.1]], np.float32), np.array([[0.05, 0.2]], np.float32)
+    both = joined([PhraseMaps(red, None, red), PhraseMaps(green, green, green)])
+    assert np.allclose(both.fused, [[0.9, 0.9]]), "the green thing answers less, and still it is as bright"
     assert np.array_equal(both.image, green)
     assert joined([PhraseMaps(red, None, red)]).image is None
+    nothing = np.zeros((1, 2), np.float32)
+    assert np.array_equal(joined([PhraseMaps(red, None, red), PhraseMaps(nothing, None, nothing)]).fused, red)
 
 
 def test_and_means_two_phrases(prepared, model, demonstrations_small):
     policy = Policy(SMALL, model, prepared[1])
     scene = policy.see(demonstrations_small[0].steps[0].observation.views)
-    one, other = (policy.maps(scene, phrase).fused for phrase in ("green blocks", "blue blocks"))
-    assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, np.maximum(one, other))
+    both = joined([policy.maps(scene, phrase) for phrase in ("green blocks", "blue blocks")]).fused
+    assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, both)
     whole = Policy(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
-    assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, np.maximum(one, other))
+    assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, both)
 
 
 def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):

@@ -53,8 +53,8 @@ OTHER_BOWLS = (
 
 HOME = WorldStyle()
 VARIED = WorldStyle(
-    "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06), plates=((0.05, 0.005), (0.056, 0.008)),
-    touching=0.25, at_edge=0.15,
+    "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
+    plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
 )  # fmt: skip
 WORLDS = {
     style.name: style
