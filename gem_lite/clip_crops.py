@@ -24,10 +24,11 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from gem_lite import vocabulary
+from gem_lite.rgbd.camera import Camera, as_pose
+from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop import objects, shapes, symbols
-from gem_lite.tabletop.cameras import CAMERAS, LIGHT, Camera, Light, as_pose, render
-from gem_lite.tabletop.heightmap import fuse_views, sort_points
+from gem_lite.tabletop.rendering import CAMERAS, LIGHT, Light, render
 from gem_lite.tabletop.tasks.spawn import FreeSpace
 
 IMAGE_SIZE = 40

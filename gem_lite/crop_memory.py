@@ -16,9 +16,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 
 from gem_lite.demonstrations import Demonstration, write_whole
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop.gripper import GripperState
-from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip

@@ -25,12 +25,13 @@ import numpy as np
 from tqdm import tqdm
 
 from gem_lite import language
+from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop import tasks
-from gem_lite.tabletop.cameras import Camera, View
 from gem_lite.tabletop.gripper import GripperState
 from gem_lite.tabletop.tasks import ExpertAction
-from gem_lite.tabletop.world import Observation, World
+from gem_lite.tabletop.world import World
 from gem_lite.tabletop.worlds import WORLDS
 
 SCHEMA = 3

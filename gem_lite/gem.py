@@ -15,11 +15,11 @@ from gem_lite.crop_memory import CropMemory, demonstrated_crops
 from gem_lite.demonstrations import Demonstration
 from gem_lite.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.policy import RGBD, Choice, Inputs, PickPlacePolicy, PreparedStep, crop_at, label, numbered_steps, to_rgbd
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.semantic_map import SceneEmbedding
 from gem_lite.steerable import SteerableKernel, correlate, sample
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.world import Observation
 
 
 class ActionModule(nn.Module):

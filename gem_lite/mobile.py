@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 from gem_lite import gem, language
 from gem_lite.gem import ActionModule
 from gem_lite.policy import RGBD, Inputs, PickPlacePolicy, collate, crop_at
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.heightmap import HeightMap
 from gem_lite.tabletop.mobile_world import MobileStep, MobileWorld
-from gem_lite.tabletop.world import Observation
 
 SIDESTEPS = (0.0, 0.15, -0.15)
 """Where along a table's edge (m) the robot looks for its tag, one place after the other."""

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from gem_lite.mobile import MobileChoice, stitch
 from gem_lite.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.results import Cell
+from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.tabletop.cameras import View
 
 
 def draw_seams(ax: Axes, count: int, width: int) -> None:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from gem_lite.plot_kernels import SIGNED
 from gem_lite.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policy import HEIGHT_SCALE, RGBD, to_picture
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2
-from gem_lite.tabletop.heightmap import HeightMap
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,12 @@ from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.crop_memory import CropEntry, CropMemory
 from gem_lite.evaluate import CHUNK, Episode
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.semantic_map import SceneEmbedding
 from gem_lite.tabletop import shapes, tasks
-from gem_lite.tabletop.cameras import View, bodies_from_above
-from gem_lite.tabletop.heightmap import fuse_views
+from gem_lite.tabletop.rendering import bodies_from_above
 from gem_lite.tabletop.tasks.spawn import FreeSpace
 from gem_lite.tabletop.world import World
 

@@ -23,10 +23,10 @@ from gem_lite.clip import Clip
 from gem_lite.config import ABLATIONS, Config
 from gem_lite.crop_memory import CropMemory
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2, angle_bins
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.heightmap import HeightMap
-from gem_lite.tabletop.world import Observation
 
 HEIGHT_SCALE = 0.05
 """Metres that become 1 in a network's height channel."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap, PointLabels, fuse_views, sort_points
 from gem_lite.se2 import angle_bins, rotate_image
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.heightmap import HeightMap, PointLabels, fuse_views, sort_points
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip

@@ -11,8 +11,8 @@ from gem_lite.baselines.transporter import turned_crops
 from gem_lite.config import LITE, PAPER
 from gem_lite.networks import parameter_count
 from gem_lite.policy import Inputs, numbered_steps
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
-from gem_lite.tabletop.world import Observation
 from gem_lite.train import load_policy, make_batch, save_policy
 
 D, WIDTH = 16, 24

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from gem_lite import colors
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.tabletop import shapes
-from gem_lite.tabletop.cameras import CAMERAS, View, render
-from gem_lite.tabletop.heightmap import fuse_views, sort_points
+from gem_lite.tabletop.rendering import CAMERAS, render
 from gem_lite.tabletop.world import World
 
 POSE = Pose2(0.48, 0.13, 0.6)

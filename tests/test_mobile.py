@@ -12,10 +12,10 @@ from gem_lite.baselines.cliport import ClipPort, GroundedClipPort
 from gem_lite.baselines.transporter import TransporterLan
 from gem_lite.config import LITE
 from gem_lite.gem import Policy
+from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.steerable import SteerableKernel, correlate
 from gem_lite.tabletop import shapes, tags, tasks
-from gem_lite.tabletop.heightmap import fuse_views
 from gem_lite.tabletop.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.tabletop.tasks import Task
 from gem_lite.tabletop.world import World

@@ -9,8 +9,8 @@ from gem_lite import plot_pick, plot_place, plot_results
 from gem_lite.failures import Failure
 from gem_lite.policy import RGBD, Choice, Sample
 from gem_lite.results import Cell
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2, Workspace
-from gem_lite.tabletop.heightmap import HeightMap
 
 W = Workspace()
 POSE = Pose2(*W.to_world(40, 20), 0.3)

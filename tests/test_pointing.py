@@ -10,9 +10,9 @@ from gem_lite import calibration, clip, colors, crop_memory, pointing, results
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory
 from gem_lite.pointing import Pointing, lay_out, point
+from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import shapes, tasks
-from gem_lite.tabletop.heightmap import fuse_views
 
 SEED = tasks.episode_seed("val", 900_000)
 

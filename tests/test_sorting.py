@@ -16,9 +16,9 @@ from gem_lite.evaluate_mobile import Condition, Outcome
 from gem_lite.gem import Policy, near_peak
 from gem_lite.policy import RGBD
 from gem_lite.results import Cell
+from gem_lite.rgbd.camera import looking
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import symbols, tasks
-from gem_lite.tabletop.cameras import looking
 from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
 
 MOBILE = LITE.on_table(1.06)

@@ -12,7 +12,7 @@ from shapely.geometry import Point
 from gem_lite import colors, demonstrations, language
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.tabletop import shapes, tasks, trays
-from gem_lite.tabletop.cameras import bodies_from_above
+from gem_lite.tabletop.rendering import bodies_from_above
 from gem_lite.tabletop.tasks import bars_in_box, packing_shapes, stack_block_pyramid
 from gem_lite.tabletop.world import World
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gem_lite.policy import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
 from gem_lite.tabletop import tasks
-from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 from gem_lite.tabletop.tasks.spawn import FreeSpace
 from gem_lite.tabletop.world import World
 from gem_lite.tabletop.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle

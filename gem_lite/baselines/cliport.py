@@ -22,9 +22,9 @@ from gem_lite.baselines.transporter import KeyQuery, TopView, TransporterLan
 from gem_lite.config import Config
 from gem_lite.networks import ResidualBlock, UNet, decoder_widths
 from gem_lite.policy import RGBD, Inputs
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.semantic_map import top_grid
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.heightmap import fuse_views
 
 
 class TwoStream(nn.Module):

@@ -23,10 +23,10 @@ from gem_lite import language
 from gem_lite.config import Config
 from gem_lite.networks import UNet
 from gem_lite.policy import RGBD, Inputs, PickPlacePolicy, crop_at, to_rgbd
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import correlate
-from gem_lite.tabletop.cameras import View
-from gem_lite.tabletop.heightmap import HeightMap, fuse_views
 
 
 def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:

@@ -16,13 +16,15 @@ import pybullet as p
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from gem_lite.rgbd.camera import Camera, View, as_pose, looking
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.cameras import LIGHT, Camera, Light, View, as_pose, cameras_around, looking, render
 from gem_lite.tabletop.gripper import CLEARANCE, GripperState
+from gem_lite.tabletop.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task
-from gem_lite.tabletop.world import Observation, Simulation
+from gem_lite.tabletop.world import Simulation
 from gem_lite.tabletop.worlds import TABLE_COLOR, WorldStyle
 
 TABLE_HEIGHT = 0.7

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import pybullet as p
 
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2, Workspace, quaternion
-from gem_lite.tabletop.cameras import View, cameras_around, render
 from gem_lite.tabletop.gripper import PARKED, Gripper, GripperState
+from gem_lite.tabletop.rendering import cameras_around, render
 from gem_lite.tabletop.shapes import Body
 from gem_lite.tabletop.worlds import HOME, RGBA, TABLE_COLOR, WorldStyle
 
@@ -26,13 +27,6 @@ SETTLE_STEPS = 4800
 """Budget for the scene to come to rest, in simulation steps."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """All that a policy gets to see: RGB-D views of the table. No mask, no pose, no render from above."""
-
-    views: tuple[View, ...]
 
 
 @dataclass(frozen=True)

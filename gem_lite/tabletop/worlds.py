@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gem_lite import colors
-from gem_lite.tabletop.cameras import LIGHT, Light
+from gem_lite.tabletop.rendering import LIGHT, Light
 from gem_lite.tabletop.shapes import BOWL, BowlProfile
 
 RGBA = tuple[float, float, float, float]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Workspace
-from gem_lite.tabletop.cameras import View
 
 SAME_SURFACE = 0.008
 """Points at most this far (metres) below the highest one of their cell share its surface."""
