@@ -146,7 +146,7 @@ def load_or_measure(clip: Clip) -> Calibration:
     Raises:
         ValueError: the file is damaged.
     """
-    from gem_lite.demonstrations import read_json, write_whole
+    from gem_lite.files import read_json, write_whole
 
     path = path_for(clip)
     if path.exists():

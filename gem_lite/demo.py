@@ -10,7 +10,7 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 
-from gem_lite.demonstrations import write_whole
+from gem_lite.files import write_whole
 
 FIGURE_TAGS = ("decision", "outcome")
 """Tags of the notebook's cells whose figures are kept as files."""

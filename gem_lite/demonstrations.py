@@ -1,4 +1,4 @@
-"""Expert demonstrations: collect, save, load, verify.
+"""Records of expert demonstrations: what one holds; save, load and verify a set.
 
 A set is a folder of one file an episode and a manifest, which is written last and names every file with its
 SHA-256. A file's name holds the beginning of its sum, so that a new set never writes over an old one's files: until
@@ -7,38 +7,54 @@ its manifest is there, the old set is whole.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import hashlib
 import io
 import json
 import math
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, overload
+from typing import NamedTuple, overload
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from gem_lite import language
+from gem_lite.files import read_json, write_whole
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2
-from gem_lite.tabletop import tasks
-from gem_lite.tabletop.gripper import GripperState
-from gem_lite.tabletop.tasks import ExpertAction
-from gem_lite.tabletop.world import World
-from gem_lite.tabletop.worlds import WORLDS
 
 SCHEMA = 3
 DEPTH_UNIT = 1e-4
 """Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
 _EPISODE_FILE = re.compile(r"episode-\d{4,}-[0-9a-f]{12}\.npz")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class GripperState(NamedTuple):
+    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether it holds something."""
+
+    x: float
+    y: float
+    yaw: float
+    holding: bool
+
+
+@dataclass(frozen=True)
+class ExpertAction:
+    """An expert's action and its yaw symmetries.
+
+    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing:
+    pi/2 for the yaw of a cube's grasp, 0 where every yaw is as good, 2 pi where one yaw is right.
+    ``place_symmetry`` is that of the relative angle.
+    """
+
+    action: Action
+    pick_symmetry: float
+    place_symmetry: float
 
 
 @dataclass(frozen=True)
@@ -111,7 +127,7 @@ class DemonstrationSet(Sequence[Demonstration]):
             ) from error
 
 
-def _quantized(observation: Observation) -> Observation:
+def quantized(observation: Observation) -> Observation:
     """Depth as the files hold it."""
     views = []
     for view in observation.views:
@@ -120,90 +136,14 @@ def _quantized(observation: Observation) -> Observation:
     return Observation(tuple(views))
 
 
-def _pack(trace: Sequence[GripperState]) -> np.ndarray:
+def pack(trace: Sequence[GripperState]) -> np.ndarray:
     """(T, 4) float32: x, y, yaw, holding."""
     return np.array(trace, np.float32).reshape(-1, 4)
 
 
-def _unpack(trace: np.ndarray) -> tuple[GripperState, ...]:
+def unpack(trace: np.ndarray) -> tuple[GripperState, ...]:
+    """`pack`'s (T, 4) array as states again."""
     return tuple(GripperState(x, y, yaw, bool(holding)) for x, y, yaw, holding in trace.tolist())
-
-
-def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> Demonstration:
-    """Let the expert do episode ``index`` of a split."""
-    task, seed = tasks.make(task_name, split), tasks.episode_seed(split, index)
-    observation = world.reset(task, seed)
-    steps = []
-    for _ in range(task.max_steps):
-        expert = task.expert(world)
-        if expert is None:
-            break
-        instruction = task.instruction  # the step may bring the next one
-        result = world.step(expert.action)
-        # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
-        steps.append(
-            DemonstrationStep(
-                _quantized(observation), instruction, language.parse(instruction), expert,
-                _unpack(_pack(result.trace)), result.reward,
-            )
-        )  # fmt: skip
-        observation = result.observation
-        if result.done:
-            break
-    return Demonstration(task_name, split, seed, tuple(steps))
-
-
-def collect(
-    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home"
-) -> DemonstrationSet:
-    """Collect ``episodes`` successful expert episodes; an episode that fails is skipped.
-
-    Each episode is saved at once. If ``folder`` holds the beginning of the same collection, its episodes are kept
-    and the rest is added; if it holds more than ``episodes``, the first of them are returned and nothing is changed.
-
-    Args:
-        start: the index in the split of the first episode to try.
-        world: how the world looks, one of `gem_lite.tabletop.worlds.WORLDS`.
-
-    Raises:
-        ValueError: unknown task, split or world, ``episodes`` below 1, or ``folder`` holds another set.
-        RuntimeError: the expert failed in more than half of the episodes tried, and 20 of them.
-    """
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    if world not in WORLDS:
-        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
-    tasks.make(task_name, split)
-    folder = Path(folder)
-    facts = {"task": task_name, "split": split, "world": world, "start": start}
-    files: dict[str, str] = {}
-    index = start
-    if (folder / "manifest.json").exists():
-        files, index = _begun(folder, facts)
-    label = f"{task_name} ({split})"
-    with World(style=WORLDS[world]) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
-        while len(files) < episodes:
-            demonstration = dataclasses.replace(roll_out(table, task_name, split, index), world=world)
-            index += 1
-            if sum(step.reward for step in demonstration.steps) > 0.99:
-                files |= _write_episode(folder, len(files), demonstration)
-                _write_manifest(folder, {**facts, "next": index}, files)
-                bar.update()
-            else:
-                bar.write(f"episode {index - 1}: the expert failed, skipped")
-                failed = index - start - len(files)
-                if failed >= 20 and failed > len(files):
-                    raise RuntimeError(f"the expert failed in {failed} of {index - start} episodes of {task_name}")
-    return load(folder)[:episodes]
-
-
-def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
-    """The files of a collection that was stopped, and the index of the next episode to try."""
-    manifest = read_manifest(folder)
-    there = {name: manifest.get(name) for name in facts}
-    if there != facts:
-        raise ValueError(f"{folder} holds another set ({there}, not {facts}): give another folder, or remove it")
-    return load(folder).files, manifest["next"]
 
 
 def _png(image: np.ndarray) -> np.ndarray:
@@ -217,7 +157,7 @@ def _encode(demonstration: Demonstration) -> bytes:
         for j, view in enumerate(step.observation.views):
             arrays[f"rgb-{i}-{j}"] = _png(view.rgb[..., ::-1])
             arrays[f"depth-{i}-{j}"] = _png(np.round(view.depth / DEPTH_UNIT).astype(np.uint16))
-        arrays[f"trace-{i}"] = _pack(step.trace)
+        arrays[f"trace-{i}"] = pack(step.trace)
         steps.append({
             "instruction": step.instruction,
             "phrases": dataclasses.asdict(step.phrases),
@@ -258,7 +198,7 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
         _text(step["instruction"]),
         language.Phrases(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
         ExpertAction(Action(pick, place), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])),
-        _unpack(trace),
+        unpack(trace),
         _number(step["reward"]),
     )
 
@@ -288,48 +228,6 @@ def _whole_number(value: object) -> int:
     return value
 
 
-def read_json(content: bytes | str, name: object) -> dict:
-    """A JSON object from a file's content.
-
-    Args:
-        name: what the content is, for the error.
-
-    Raises:
-        ValueError: cut off, no JSON, no object, or a number in it is not finite.
-    """
-
-    def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no JSON number")
-
-    try:
-        found = json.loads(content, parse_constant=refuse)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{name} is cut off or no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise ValueError(f"{name} must hold a JSON object, got {type(found).__name__}")
-    return found
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write to a temporary name, then rename: an interrupted run or a full disk leaves the old file whole."""
-    write_together({path: content})
-
-
-def write_together(contents: dict[Path, bytes]) -> None:
-    """`write_whole` for files that belong together: no old one is replaced before every new one is on the disk."""
-    partial = {path: path.with_name(path.name + ".part") for path in contents}
-    try:
-        for path, content in contents.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            partial[path].write_bytes(content)
-    except OSError:
-        for left in partial.values():
-            left.unlink(missing_ok=True)
-        raise
-    for path, whole in partial.items():
-        os.replace(whole, path)
-
-
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
     """Write a set; one that is in ``folder`` already stays whole until the new one is, and then goes.
 
@@ -346,14 +244,14 @@ def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
         facts = facts or present
         if present != facts:
             raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {present}")
-        files |= _write_episode(folder, number, demonstration)
-    _write_manifest(folder, facts, files)
+        files |= write_episode(folder, number, demonstration)
+    write_manifest(folder, facts, files)
     for path in folder.glob("episode-*.npz"):
         if path.name not in files:
             path.unlink()
 
 
-def _write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
+def write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
     """Write an episode's file; returns its name and its SHA-256."""
     content = _encode(demonstration)
     digest = hashlib.sha256(content).hexdigest()
@@ -362,7 +260,8 @@ def _write_episode(folder: Path, number: int, demonstration: Demonstration) -> d
     return {name: digest}
 
 
-def _write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
+def write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
+    """Write a set's manifest: ``facts`` of it, and its files with their SHA-256."""
     manifest = {"schema": SCHEMA, **facts, "files": files}
     write_whole(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
 
@@ -427,36 +326,3 @@ def _verified(path: Path, digest: str) -> bytes:
     if hashlib.sha256(content).hexdigest() != digest:
         raise ValueError(f"the demonstration {path} is cut off or changed: its SHA-256 is not the manifest's")
     return content
-
-
-def main() -> None:
-    """Command line: see ``python -m gem_lite.demonstrations --help``."""
-    parser = argparse.ArgumentParser(
-        description="Collect or verify expert demonstrations.",
-        epilog="example: python -m gem_lite.demonstrations collect put-block-in-bowl-seen-colors data/demos/bowl-10",
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    collecting = commands.add_parser("collect", help="let the expert do episodes and save them")
-    collecting.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
-    collecting.add_argument("folder", type=Path, help="where to save them")
-    collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
-    collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
-    collecting.add_argument("--world", default="home", choices=list(WORLDS), help="how it looks (default home)")
-    verifying = commands.add_parser("verify", help="load a set and check every file's sum")
-    verifying.add_argument("folder", type=Path)
-    args = parser.parse_args()
-    try:
-        if args.command == "collect":
-            found = collect(args.task, args.episodes, args.folder, args.split, world=args.world)
-        else:
-            found = load(args.folder)
-        steps = sum(len(demonstration.steps) for demonstration in tqdm(found, "verifying", unit="episode"))
-    except (OSError, ValueError, RuntimeError) as error:
-        parser.exit(2, f"{error}\n")
-    except KeyboardInterrupt:
-        parser.exit(130, f"\nstopped; the same command goes on from the episodes in {args.folder}\n")
-    print(f"{args.folder}: {len(found)} episodes, {steps} steps, data hash {data_hash(args.folder)[:12]}")
-
-
-if __name__ == "__main__":
-    main()

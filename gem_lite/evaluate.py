@@ -14,6 +14,7 @@ import torch
 from tqdm import tqdm
 
 from gem_lite import clip, colors, config, methods, results
+from gem_lite.checkpoints import load_policy, read_card
 from gem_lite.config import Config
 from gem_lite.policy import PickPlacePolicy
 from gem_lite.rgbd.observation import Observation
@@ -21,7 +22,6 @@ from gem_lite.se2 import Action, Pose2, angle_bins
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.world import World, body_at
 from gem_lite.tabletop.worlds import WORLDS, WorldStyle
-from gem_lite.train import load_policy, read_card
 
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""

@@ -15,12 +15,12 @@ import torch
 from tqdm import tqdm
 
 from gem_lite import clip, evaluate, methods, mobile, results
+from gem_lite.checkpoints import load_policy, read_card
 from gem_lite.results import Cell
 from gem_lite.se2 import Pose2
 from gem_lite.tabletop import tasks
 from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
 from gem_lite.tabletop.worlds import WORLDS
-from gem_lite.train import load_policy, read_card
 
 TASKS = ("object-sorting-seen", "object-sorting-unseen")
 IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")

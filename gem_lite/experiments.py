@@ -19,9 +19,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from gem_lite import clip, evaluate, methods, pointing, results
+from gem_lite.checkpoints import read_card
 from gem_lite.config import ABLATIONS, LITE, Config
 from gem_lite.tabletop import tasks
-from gem_lite.train import read_card
 
 FOLDER = Path("runs/experiments")
 BOWL, PYRAMID, PACKING = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"
@@ -232,7 +232,7 @@ def collect(plan: Sequence[Experiment]) -> None:
     for (task, world), count in needed.items():
         folder = demonstrations_of(task, world)
         if not folder.exists() or len(list(folder.glob("*.npz"))) < count:
-            command = ["gem_lite.demonstrations", "collect", task, str(folder), "--episodes", str(count)]
+            command = ["gem_lite.collecting", "collect", task, str(folder), "--episodes", str(count)]
             subprocess.run([sys.executable, "-m", *command, "--world", world], check=True)
 
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gem_lite.demonstrations import ExpertAction
 from gem_lite.policy import Choice, PickPlacePolicy
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.tabletop import tasks
-from gem_lite.tabletop.tasks import ExpertAction
 from gem_lite.tabletop.world import World, body_at
 
 

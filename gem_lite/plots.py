@@ -10,11 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gem_lite.demonstrations import GripperState
 from gem_lite.gem import Decision
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2, Workspace, rotation_matrix
-from gem_lite.tabletop.gripper import LOG_EVERY, GripperState
+from gem_lite.tabletop.gripper import LOG_EVERY
 from gem_lite.tabletop.world import RATE
 
 PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"

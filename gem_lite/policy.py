@@ -96,7 +96,7 @@ class Sample(Inputs):
     Attributes:
         pick, place: pixels (row, col), not rounded.
         pick_yaw: the grasp's yaw (radians); ``delta``: place minus pick yaw.
-        pick_symmetry, place_symmetry: turns that change nothing, see `tasks.ExpertAction`.
+        pick_symmetry, place_symmetry: turns that change nothing, see `demonstrations.ExpertAction`.
     """
 
     pick: tuple[float, float]

@@ -15,7 +15,7 @@ import numpy as np
 
 from gem_lite import clip, statistics
 from gem_lite.config import LITE, Config
-from gem_lite.demonstrations import read_json, write_whole
+from gem_lite.files import read_json, write_whole
 
 if TYPE_CHECKING:
     from gem_lite.evaluate import Episode
@@ -44,7 +44,7 @@ def facts_of(card: dict | None, settings: Config | None) -> dict:
     """What a row says of the policy. All values are None where they do not apply.
 
     Args:
-        card: of the checkpoint (`train.read_card`); None for what is not trained.
+        card: of the checkpoint (`checkpoints.read_card`); None for what is not trained.
         settings: the configuration; None for what does not depend on one.
     """
     trained = card or {}

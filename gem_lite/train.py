@@ -7,27 +7,22 @@ import contextlib
 import dataclasses
 import hashlib
 import io
-import json
 import os
-import platform
 import time
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import safetensors.torch
 import torch
 from accelerate import PartialState
 from accelerate.utils import reduce
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import augment, clip, config, demonstrations, methods
-from gem_lite.clip import Clip
+from gem_lite import augment, checkpoints, clip, config, demonstrations, methods
 from gem_lite.config import Config
-from gem_lite.crop_memory import CropMemory
+from gem_lite.files import write_whole
 from gem_lite.policy import PickPlacePolicy, PreparedStep, Sample
 from gem_lite.tabletop import tasks
 
@@ -119,7 +114,7 @@ def train(
         buffer = io.BytesIO()
         torch.save(state, buffer)
         try:
-            demonstrations.write_whole(state_file, buffer.getvalue())
+            write_whole(state_file, buffer.getvalue())
         except OSError as error:
             raise OSError(f"the state of step {step} cannot be saved ({error}); {last_good()}") from error
 
@@ -174,98 +169,6 @@ def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
     return digest.hexdigest()
 
 
-def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
-    """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
-
-    Args:
-        facts: what the JSON should hold besides configuration, CLIP, versions and date: task, seed,
-            demonstrations, data hash, seconds.
-    """
-    tensors = {
-        f"{role}.{name}": value.detach().cpu().contiguous()
-        for role, module in policy.modules.items()
-        for name, value in module.named_parameters()
-    }
-    entries = []
-    if policy.memory is not None:
-        images, entries = policy.memory.pack()
-        tensors["memory.images"] = torch.from_numpy(images)
-    content = safetensors.torch.save(tensors)
-    card = {
-        "method": policy.name,
-        "config": policy.config.as_dict(),
-        "clip": {"name": policy.clip.name, "fingerprint": policy.clip.fingerprint},
-        "memory": entries,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "versions": {"torch": torch.__version__, "python": platform.python_version()},
-        "date": datetime.now(UTC).date().isoformat(),
-        **facts,
-    }
-    demonstrations.write_together({path: content, path.with_suffix(".json"): json.dumps(card, indent=1).encode()})
-
-
-def read_card(path: Path) -> dict:
-    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
-    for needed in (path, path.with_suffix(".json")):
-        if not needed.exists():
-            raise FileNotFoundError(f"the checkpoint {path} is not complete: {needed} is missing")
-    card_file = path.with_suffix(".json")
-    card = demonstrations.read_json(card_file.read_bytes(), card_file)
-    needed_types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
-    wrong = [key for key, kind in needed_types.items() if not isinstance(card.get(key), kind)]
-    if wrong:
-        raise ValueError(f"{card_file} is no whole description of a checkpoint: see its {', '.join(wrong)}")
-    return card
-
-
-def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
-    """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
-
-    Args:
-        settings: if given, the configuration that the checkpoint must have.
-
-    Raises:
-        FileNotFoundError: no such checkpoint.
-        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP.
-    """
-    path = Path(path)
-    card = read_card(path)
-    content = path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != card["sha256"]:
-        raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
-    try:
-        method, found = methods.of_card(card)
-    except ValueError as error:
-        raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
-    if settings is not None and settings != found:
-        old, new = found.as_dict(), settings.as_dict()
-        differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
-        raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
-    if card["clip"].get("fingerprint") != model.fingerprint:
-        raise ValueError(
-            f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
-            f"not with the weights of {model.name!r}"
-        )
-    try:
-        tensors = safetensors.torch.load(content)
-        memory = None
-        if card["memory"]:
-            memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-        policy = method(found, model, memory)
-        with torch.no_grad():
-            for role, module in policy.modules.items():
-                for name, value in module.named_parameters():
-                    weight = tensors[f"{role}.{name}"]
-                    if weight.shape != value.shape or not torch.isfinite(weight).all():
-                        raise ValueError(f"{role}.{name} must be finite and of shape {tuple(value.shape)}")
-                    value.copy_(weight)
-    except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
-        raise ValueError(
-            f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
-        ) from error
-    return policy
-
-
 def hardware(device: str) -> str:
     """What trains, in words: the GPU's name, or how many of how many CPU cores."""
     if device != "cpu":
@@ -283,7 +186,7 @@ def main() -> None:
         "runs/gem.safetensors --config paper --device cuda",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.demonstrations collect")
+    parser.add_argument("demonstrations", type=Path, help="folder made by python -m gem_lite.collecting collect")
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
     parser.add_argument("--method", default="gem", help="see below; default gem")
     parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
@@ -322,7 +225,7 @@ def main() -> None:
             "train_cpu_seconds": round(cost.cpu_seconds, 1),
             "hardware": hardware(args.device),
         }
-        save_policy(policy, args.checkpoint, facts)
+        checkpoints.save_policy(policy, args.checkpoint, facts)
     except (OSError, ValueError, FloatingPointError) as error:
         parser.exit(2, f"{error}\n")
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
 
-from gem_lite import demonstrations  # noqa: E402
+from gem_lite import collecting  # noqa: E402
 from gem_lite.tabletop.tasks import Task  # noqa: E402
 from gem_lite.tabletop.world import World  # noqa: E402
 
@@ -57,4 +57,4 @@ def stage(world):
 def demo_set(tmp_path_factory):
     """(folder, demonstrations): two saved expert episodes. Copy the folder before damaging it."""
     folder = tmp_path_factory.mktemp("demos") / "bowl-2"
-    return folder, list(demonstrations.collect("put-block-in-bowl-seen-colors", 2, folder))
+    return folder, list(collecting.collect("put-block-in-bowl-seen-colors", 2, folder))

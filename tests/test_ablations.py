@@ -7,11 +7,11 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gem_lite import clip, methods, semantic_map, train
+from gem_lite import checkpoints, clip, methods, semantic_map, train
+from gem_lite.checkpoints import load_policy, save_policy
 from gem_lite.config import ABLATIONS, LITE, Config
 from gem_lite.gem import PickModule, Policy
 from gem_lite.networks import parameter_count
-from gem_lite.train import load_policy, save_policy
 
 D = 16
 SMALL = dataclasses.replace(
@@ -118,9 +118,9 @@ def test_a_value_names_no_method(model, tmp_path):
     plain = Policy(dataclasses.replace(SMALL, image_weight=0.0), model)
     assert plain.name == "gem"
     save_policy(plain, path, {})
-    assert load_policy(path, model).name == train.read_card(path)["method"] == "gem"
+    assert load_policy(path, model).name == checkpoints.read_card(path)["method"] == "gem"
     # A card of before configurations held their ablations: the name alone says them.
-    card = train.read_card(path)
+    card = checkpoints.read_card(path)
     card["config"].pop("ablations")
     path.with_suffix(".json").write_text(json.dumps({**card, "method": "gem-without-image-map"}))
     assert load_policy(path, model).name == "gem-without-image-map"
@@ -136,7 +136,7 @@ def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path)
     path = tmp_path / "policy.safetensors"
     save_policy(policy, path, {})
     loaded = load_policy(path, model)
-    assert loaded.name == train.read_card(path)["method"] == "gem-without-image-map-without-parsing"
+    assert loaded.name == checkpoints.read_card(path)["method"] == "gem-without-image-map-without-parsing"
     assert loaded.config == config
 
 
@@ -173,7 +173,12 @@ def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, 
     train.train(policy, whole[1], seed=0, run=tmp_path)
     save_policy(policy, tmp_path / "policy.safetensors", {})
     loaded = load_policy(tmp_path / "policy.safetensors", model)
-    assert loaded.name == policy.name == train.read_card(tmp_path / "policy.safetensors")["method"] == f"gem-{ending}"
+    assert (
+        loaded.name
+        == policy.name
+        == checkpoints.read_card(tmp_path / "policy.safetensors")["method"]
+        == f"gem-{ending}"
+    )
     step = demos[0].steps[0]
     assert loaded.act(step.observation, step.instruction) == policy.act(step.observation, step.instruction)
 

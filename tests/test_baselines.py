@@ -6,14 +6,15 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gem_lite import clip, methods, train
+from gem_lite import checkpoints, clip, methods, train
 from gem_lite.baselines.transporter import turned_crops
+from gem_lite.checkpoints import load_policy, save_policy
 from gem_lite.config import LITE, PAPER
 from gem_lite.networks import parameter_count
 from gem_lite.policy import Inputs, numbered_steps
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
-from gem_lite.train import load_policy, make_batch, save_policy
+from gem_lite.train import make_batch
 
 D, WIDTH = 16, 24
 COARSE = {"cliport": WIDTH, "cliport-grounded": D}
@@ -287,7 +288,7 @@ def test_checkpoints_bring_back_the_method(name, trained_on, model, tmp_path, de
     loaded = load_policy(tmp_path / "policy.safetensors", model)
     assert type(loaded) is type(policy)
     assert loaded.name == name
-    assert train.read_card(tmp_path / "policy.safetensors")["method"] == name
+    assert checkpoints.read_card(tmp_path / "policy.safetensors")["method"] == name
     step = demo_set[1][0].steps[0]
     before, after = (one.decide(step.observation, step.instruction) for one in (policy, loaded))
     assert np.array_equal(before.place_logits, after.place_logits)

@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gem_lite import demonstrations, language
-from gem_lite.demonstrations import DemonstrationSet, collect, data_hash, load, read_manifest, save, write_whole
+from gem_lite import collecting, demonstrations, language
+from gem_lite.collecting import collect
+from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
+from gem_lite.files import write_whole
 from gem_lite.tabletop import tasks
 
 TASK = "put-block-in-bowl-seen-colors"
@@ -59,7 +61,7 @@ def test_what_was_collected_is_loaded(demo_set, world):
     loaded = load(demo_set[0])
     assert len(loaded) == 2
     for index, demonstration in enumerate(loaded):
-        assert_same(demonstrations.roll_out(world, TASK, "train", index), demonstration)
+        assert_same(collecting.roll_out(world, TASK, "train", index), demonstration)
 
 
 def test_loading_and_saving_again_changes_nothing(demo_set, tmp_path):
@@ -337,7 +339,7 @@ def test_memory_does_not_grow_with_the_number_of_episodes(demo_set, tmp_path):
 
 def test_a_collection_that_was_stopped_goes_on(demo_set, tmp_path, monkeypatch):
     """Stopped while the second episode is played, then asked for again: the same set as without the stop."""
-    honest, played = demonstrations.roll_out, []
+    honest, played = collecting.roll_out, []
 
     def stopped(world, name, split, index):
         if index == 1:
@@ -348,11 +350,11 @@ def test_a_collection_that_was_stopped_goes_on(demo_set, tmp_path, monkeypatch):
         played.append(index)
         return honest(world, name, split, index)
 
-    monkeypatch.setattr(demonstrations, "roll_out", stopped)
+    monkeypatch.setattr(collecting, "roll_out", stopped)
     with pytest.raises(KeyboardInterrupt):
         collect(TASK, 2, tmp_path)
     assert [demonstration.seed for demonstration in load(tmp_path)] == [0], "what was played is a whole set"
-    monkeypatch.setattr(demonstrations, "roll_out", counted)
+    monkeypatch.setattr(collecting, "roll_out", counted)
     assert len(collect(TASK, 2, tmp_path)) == 2
     assert played == [1]
     assert data_hash(tmp_path) == data_hash(demo_set[0])
@@ -372,7 +374,7 @@ def test_a_collection_goes_on_behind_episodes_that_failed(demo_set, tmp_path, mo
         failed = tuple(dataclasses.replace(step, reward=0.0) for step in good.steps)
         return dataclasses.replace(good, seed=index, steps=failed if index == 2 else good.steps)
 
-    monkeypatch.setattr(demonstrations, "roll_out", roll_out)
+    monkeypatch.setattr(collecting, "roll_out", roll_out)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
             collect(TASK, 5, tmp_path / "set")
@@ -398,7 +400,7 @@ def test_a_saved_set_is_not_taken_for_the_beginning_of_a_collection(demo_set, tm
 
 
 def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
-    monkeypatch.setitem(demonstrations.WORLDS, "elsewhere", demonstrations.WORLDS["home"])
+    monkeypatch.setitem(collecting.WORLDS, "elsewhere", collecting.WORLDS["home"])
     collect(TASK, 1, tmp_path, world="elsewhere")
     assert read_manifest(tmp_path)["world"] == load(tmp_path)[0].world == "elsewhere"
     assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"
@@ -432,7 +434,7 @@ def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
 
 
 def test_verify_exits_with_2_and_one_line(tmp_path):
-    command = [sys.executable, "-m", "gem_lite.demonstrations", "verify", str(tmp_path)]
+    command = [sys.executable, "-m", "gem_lite.collecting", "verify", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 2
     assert done.stdout == ""
@@ -443,7 +445,7 @@ def test_verify_exits_with_2_and_one_line(tmp_path):
 def test_verify_says_what_it_found(demo_set, monkeypatch, capsys):
     folder, collected = demo_set
     monkeypatch.setattr(sys, "argv", ["demonstrations", "verify", str(folder)])
-    demonstrations.main()
+    collecting.main()
     steps = sum(len(demonstration.steps) for demonstration in collected)
     assert f"2 episodes, {steps} steps, data hash {data_hash(folder)[:12]}" in capsys.readouterr().out
 
@@ -452,10 +454,10 @@ def test_collect_by_command_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     def stopped(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(demonstrations, "roll_out", stopped)
+    monkeypatch.setattr(collecting, "roll_out", stopped)
     monkeypatch.setattr(sys, "argv", ["demonstrations", "collect", TASK, str(tmp_path / "new"), "--episodes", "1"])
     with pytest.raises(SystemExit) as exit_:
-        demonstrations.main()
+        collecting.main()
     assert exit_.value.code == 130
     assert f"the same command goes on from the episodes in {tmp_path / 'new'}" in capsys.readouterr().err
 
@@ -463,6 +465,6 @@ def test_collect_by_command_says_how_to_go_on(tmp_path, monkeypatch, capsys):
 def test_collect_by_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["demonstrations", "collect", "no-such-task", str(tmp_path / "new")])
     with pytest.raises(SystemExit) as exit_:
-        demonstrations.main()
+        collecting.main()
     assert exit_.value.code == 2
     assert "no task is named 'no-such-task'" in capsys.readouterr().err

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from gem_lite import clip, train
+from gem_lite import checkpoints, clip, train
+from gem_lite.checkpoints import load_policy, save_policy
 from gem_lite.config import LITE
 from gem_lite.gem import Policy
-from gem_lite.train import load_policy, save_policy
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
@@ -254,7 +254,7 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
     said = capsys.readouterr().out
     assert "resuming at step 2" in said
     assert "transporter-lan on 2 demonstrations" in said
-    card = train.read_card(tmp_path / "t.safetensors")
+    card = checkpoints.read_card(tmp_path / "t.safetensors")
     assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
     assert not (tmp_path / "runs" / "t" / "state.pt").exists()
 

@@ -6,6 +6,7 @@ import pytest
 
 from gem_lite import clip, evaluate, evaluate_mobile, experiments, failures, methods, pointing, results, statistics
 from gem_lite.config import LITE
+from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluate import Episode
 from gem_lite.experiments import PLAN, Experiment
 from gem_lite.policy import Choice
@@ -13,7 +14,6 @@ from gem_lite.results import result_row
 from gem_lite.se2 import Action, Pose2
 from gem_lite.statistics import mean_and_interval
 from gem_lite.tabletop import tasks
-from gem_lite.tabletop.tasks import ExpertAction
 from gem_lite.tabletop.world import World
 from gem_lite.tabletop.worlds import WORLDS
 
@@ -233,7 +233,7 @@ def test_the_demonstrations_world_names_the_files_where_it_is_not_the_plans(tmp_
     folders = [str(experiments.demonstrations_of(TASK, world)) for world in ("varied", "home")]
     assert len(set(folders)) == 2
     assert asked == [
-        ["gem_lite.demonstrations", "collect", TASK, folder, "--episodes", count, "--world", world]
+        ["gem_lite.collecting", "collect", TASK, folder, "--episodes", count, "--world", world]
         for folder, count, world in zip(folders, ("20", "10"), ("varied", "home"), strict=True)
     ]
 

@@ -9,7 +9,7 @@ import pytest
 from shapely import affinity
 from shapely.geometry import Point
 
-from gem_lite import colors, demonstrations, language
+from gem_lite import collecting, colors, language
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.tabletop import shapes, tasks, trays
 from gem_lite.tabletop.rendering import bodies_from_above
@@ -196,7 +196,7 @@ def test_a_pyramid_counts_a_done_sentence_for_good_and_repeats_an_open_one(blind
 
 
 def test_a_demonstration_keeps_the_sentence_that_each_step_obeyed(world):
-    demonstration = demonstrations.roll_out(world, PYRAMID, "train", 0)
+    demonstration = collecting.roll_out(world, PYRAMID, "train", 0)
     task = tasks.make(PYRAMID, "train")
     world.reset(task, tasks.episode_seed("train", 0))
     picks = [step.phrases.pick for step in demonstration.steps]

@@ -10,11 +10,11 @@ import torch
 
 from gem_lite import clip, demonstrations, methods, train
 from gem_lite import policy as policy_module
+from gem_lite.checkpoints import load_policy, save_policy
 from gem_lite.config import LITE
 from gem_lite.gem import PhraseMaps, Policy, joined
 from gem_lite.policy import PreparedStep, numbered_steps
 from gem_lite.se2 import angle_off
-from gem_lite.train import load_policy, save_policy
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1

@@ -11,11 +11,11 @@ All motions are counted in simulation steps.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pybullet as p
 
+from gem_lite.demonstrations import GripperState
 from gem_lite.se2 import Pose2, quaternion, wrap
 
 TIP_RADIUS, TIP_LENGTH = 0.005, 0.03
@@ -34,15 +34,6 @@ JAW_REACH = 1 / 6
 FORCE = 200.0
 LOG_EVERY = 8
 """Simulation steps between two states in the log: 30 a second."""
-
-
-class GripperState(NamedTuple):
-    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether it holds something."""
-
-    x: float
-    y: float
-    yaw: float
-    holding: bool
 
 
 class Gripper:

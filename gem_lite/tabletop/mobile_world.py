@@ -16,11 +16,12 @@ import pybullet as p
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from gem_lite.demonstrations import GripperState
 from gem_lite.rgbd.camera import Camera, View, as_pose, looking
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.tabletop import tags
-from gem_lite.tabletop.gripper import CLEARANCE, GripperState
+from gem_lite.tabletop.gripper import CLEARANCE
 from gem_lite.tabletop.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.tabletop.shapes import create_compound, create_visual
 from gem_lite.tabletop.tasks import Task

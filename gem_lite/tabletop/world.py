@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import pybullet as p
 
+from gem_lite.demonstrations import GripperState
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2, Workspace, quaternion
-from gem_lite.tabletop.gripper import PARKED, Gripper, GripperState
+from gem_lite.tabletop.gripper import PARKED, Gripper
 from gem_lite.tabletop.rendering import cameras_around, render
 from gem_lite.tabletop.shapes import Body
 from gem_lite.tabletop.worlds import HOME, RGBA, TABLE_COLOR, WorldStyle

@@ -20,7 +20,7 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gem_lite import calibration, clip, demonstrations, train
+from gem_lite import calibration, checkpoints, clip, demonstrations
 from gem_lite.config import LITE
 from gem_lite.crop_memory import CropEntry, CropMemory, _digest
 from gem_lite.gem import Policy
@@ -64,7 +64,7 @@ def whole(demo_set, model, tmp_path_factory):
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
     memory = CropMemory([CropEntry("red block", picture, 0), CropEntry("green bowl", picture[::-1], 1)], model)
     memory.save(folder / "memory.safetensors")
-    train.save_policy(Policy(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
+    checkpoints.save_policy(Policy(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
     file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
     shutil.copy(calibration.path_for(model), folder / "calibration.json")
     return folder
@@ -207,7 +207,7 @@ def damage_checkpoint(draw: Callable, folder: Path) -> None:
 
 
 def read_checkpoint(folder: Path, model: clip.Clip) -> None:
-    assert train.load_policy(folder / "policy.safetensors", model).modules
+    assert checkpoints.load_policy(folder / "policy.safetensors", model).modules
 
 
 def damage_rows(draw: Callable, folder: Path) -> None:

@@ -12,9 +12,9 @@ from gem_lite.tabletop.tasks.object_sorting import ObjectSorting
 from gem_lite.tabletop.tasks.packing_shapes import PackingShapes
 from gem_lite.tabletop.tasks.put_block_in_bowl import PutBlockInBowl
 from gem_lite.tabletop.tasks.stack_block_pyramid import StackBlockPyramid
-from gem_lite.tabletop.tasks.task import ExpertAction, Task
+from gem_lite.tabletop.tasks.task import Task
 
-__all__ = ["NAMES", "SEED_START", "ExpertAction", "Split", "Task", "episode_seed", "make"]
+__all__ = ["NAMES", "SEED_START", "Split", "Task", "episode_seed", "make"]
 
 Split = Literal["train", "val", "test"]
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gem_lite import colors
+from gem_lite.demonstrations import ExpertAction
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop import shapes, trays
 from gem_lite.tabletop.tasks.spawn import FreeSpace
-from gem_lite.tabletop.tasks.task import ExpertAction, Task
+from gem_lite.tabletop.tasks.task import Task
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.world import World

@@ -11,10 +11,11 @@ from shapely.geometry import Point
 from shapely.ops import nearest_points
 
 from gem_lite import colors
+from gem_lite.demonstrations import ExpertAction
 from gem_lite.se2 import Action, Pose2
 from gem_lite.tabletop import shapes, trays
 from gem_lite.tabletop.tasks.spawn import FreeSpace
-from gem_lite.tabletop.tasks.task import ExpertAction, Task
+from gem_lite.tabletop.tasks.task import Task
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.world import World

@@ -1,31 +1,17 @@
-"""What every task offers to the world, and what an expert's action is."""
+"""What every task offers to the world."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from gem_lite.se2 import Action, Workspace
+from gem_lite.demonstrations import ExpertAction
+from gem_lite.se2 import Workspace
 
 if TYPE_CHECKING:
     from gem_lite.tabletop.world import World
-
-
-@dataclass(frozen=True)
-class ExpertAction:
-    """An expert's action and its yaw symmetries.
-
-    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing:
-    pi/2 for the yaw of a cube's grasp, 0 where every yaw is as good, 2 pi where one yaw is right.
-    ``place_symmetry`` is that of the relative angle.
-    """
-
-    action: Action
-    pick_symmetry: float
-    place_symmetry: float
 
 
 class Task(ABC):

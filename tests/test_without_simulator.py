@@ -1,0 +1,41 @@
+"""What a robot's own program needs works where PyBullet cannot be imported."""
+
+import subprocess
+import sys
+
+import pytest
+
+from gem_lite import checkpoints, clip, demonstrations
+
+SHIPPED = "gem-put-block-in-bowl.safetensors"
+STORED = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
+BLOCKED = "import sys; sys.modules['pybullet'] = None  # so that its import fails\n"
+ROOMS = ("rgbd.heightmap", "se2", "steerable", "equivariance", "clip", "semantic_map", "crop_memory", "language",
+         "demonstrations", "files", "gem", "methods", "checkpoints", "augment", "statistics")  # fmt: skip
+
+
+def run(program: str) -> str:
+    done = subprocess.run([sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_block_is_one():
+    with pytest.raises(AssertionError, match="pybullet"):
+        run("import gem_lite.tabletop.world")
+
+
+def test_rooms_below_the_line_load_without_the_simulator():
+    run("".join(f"import gem_lite.{room}\n" for room in ROOMS))
+
+
+def test_a_shipped_policy_acts_on_a_stored_observation_without_the_simulator():
+    program = f"""
+from gem_lite import checkpoints, clip, demonstrations
+policy = checkpoints.load_policy(clip.DATA / {SHIPPED!r}, clip.load())
+step = demonstrations.load({str(STORED)!r})[0].steps[0]
+print(policy.act(step.observation, step.instruction))
+"""
+    step = demonstrations.load(STORED)[0].steps[0]
+    here = checkpoints.load_policy(clip.DATA / SHIPPED, clip.load()).act(step.observation, step.instruction)
+    assert run(program).strip() == str(here)
