@@ -11,9 +11,9 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
 
-from gem_lite import collecting  # noqa: E402
-from gem_lite.tabletop.tasks import Task  # noqa: E402
-from gem_lite.tabletop.world import World  # noqa: E402
+from gem_lite.learning import collecting  # noqa: E402
+from gem_lite.simulation.world import World  # noqa: E402
+from gem_lite.tasks import Task  # noqa: E402
 
 
 class StagedTask(Task):

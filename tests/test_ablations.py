@@ -7,11 +7,14 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gem_lite import checkpoints, clip, methods, semantic_map, train
-from gem_lite.checkpoints import load_policy, save_policy
+from gem_lite import clip
 from gem_lite.config import ABLATIONS, LITE, Config
-from gem_lite.gem import PickModule, Policy
-from gem_lite.networks import parameter_count
+from gem_lite.learning import train
+from gem_lite.maps import semantic_map
+from gem_lite.policies import checkpoints, methods
+from gem_lite.policies.checkpoints import load_policy, save_policy
+from gem_lite.policies.gem import PickModule, Policy
+from gem_lite.policies.networks import parameter_count
 
 D = 16
 SMALL = dataclasses.replace(

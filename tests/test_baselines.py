@@ -6,15 +6,17 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gem_lite import checkpoints, clip, methods, train
-from gem_lite.baselines.transporter import turned_crops
-from gem_lite.checkpoints import load_policy, save_policy
+from gem_lite import clip
 from gem_lite.config import LITE, PAPER
-from gem_lite.networks import parameter_count
-from gem_lite.policy import Inputs, numbered_steps
+from gem_lite.learning import train
+from gem_lite.learning.train import make_batch
+from gem_lite.policies import checkpoints, methods
+from gem_lite.policies.base import Inputs, numbered_steps
+from gem_lite.policies.checkpoints import load_policy, save_policy
+from gem_lite.policies.networks import parameter_count
+from gem_lite.policies.transporter import turned_crops
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
-from gem_lite.train import make_batch
 
 D, WIDTH = 16, 24
 COARSE = {"cliport": WIDTH, "cliport-grounded": D}
@@ -220,7 +222,7 @@ def test_dense_features_lie_where_the_picture_does(model):
 
 
 def test_augmentation_moves_coarse_features_along(trained_on):
-    from gem_lite.augment import apply
+    from gem_lite.learning.augment import apply
 
     sample = trained_on("cliport")[1][0].with_image
     coarse = torch.zeros(1, 20, 10)

@@ -10,9 +10,11 @@ import transformers
 from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
-from gem_lite import calibration, clip, clip_card, clip_crops, colors, pretrain_clip, semantic_map, vocabulary
-from gem_lite.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops
-from gem_lite.tabletop import tasks
+from gem_lite import clip, colors, tasks
+from gem_lite.clip import calibration
+from gem_lite.clip_training import clip_card, clip_crops, pretrain_clip, vocabulary
+from gem_lite.clip_training.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops
+from gem_lite.maps import semantic_map
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,11 @@ import pytest
 import safetensors.numpy
 import torch
 
-from gem_lite import clip
-from gem_lite.crop_memory import CropEntry, CropMemory, collect_crops, cut, events
+from gem_lite import clip, tasks
 from gem_lite.demonstrations import GripperState
+from gem_lite.maps.crop_memory import CropEntry, CropMemory, collect_crops, cut, events
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Action, Pose2, Workspace, wrap
-from gem_lite.tabletop import tasks
 
 SIDE = 0.125
 WORKSPACE = Workspace()

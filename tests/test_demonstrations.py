@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gem_lite import collecting, demonstrations, language
-from gem_lite.collecting import collect
+from gem_lite import demonstrations, language, tasks
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.files import write_whole
-from gem_lite.tabletop import tasks
+from gem_lite.learning import collecting
+from gem_lite.learning.collecting import collect
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -434,7 +434,7 @@ def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
 
 
 def test_verify_exits_with_2_and_one_line(tmp_path):
-    command = [sys.executable, "-m", "gem_lite.collecting", "verify", str(tmp_path)]
+    command = [sys.executable, "-m", "gem_lite.learning.collecting", "verify", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 2
     assert done.stdout == ""

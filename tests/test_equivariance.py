@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from gem_lite import equivariance as eq
-from gem_lite.networks import CropKernel
+from gem_lite.policies.networks import CropKernel
 from gem_lite.steerable import SteerableKernel, band_limited, orbit, sample, turn
 
 N = 12

@@ -3,13 +3,14 @@ import sys
 import numpy as np
 import pytest
 
-from gem_lite import clip, colors, evaluate, results
-from gem_lite.checkpoints import read_card
+from gem_lite import clip, colors, tasks
 from gem_lite.config import LITE
-from gem_lite.evaluate import Episode
+from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation.evaluate import Episode
+from gem_lite.policies.checkpoints import read_card
 from gem_lite.se2 import Action, Pose2
-from gem_lite.tabletop import shapes, tasks
-from gem_lite.tabletop.world import World
+from gem_lite.simulation import shapes
+from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
 

@@ -13,10 +13,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from gem_lite import checkpoints, clip, train
-from gem_lite.checkpoints import load_policy, save_policy
+from gem_lite import clip
 from gem_lite.config import LITE
-from gem_lite.gem import Policy
+from gem_lite.learning import train
+from gem_lite.policies import checkpoints
+from gem_lite.policies.checkpoints import load_policy, save_policy
+from gem_lite.policies.gem import Policy
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
@@ -116,8 +118,8 @@ def test_a_full_disk_leaves_the_old_checkpoint(file, prepared, model, tmp_path, 
 KILLED = """
 import os, pickle, signal, sys, types
 from pathlib import Path
-from gem_lite import train
-from gem_lite.gem import Policy
+from gem_lite.learning import train
+from gem_lite.policies.gem import Policy
 
 run = Path(sys.argv[1])
 moment = sys.argv[2]
@@ -178,8 +180,8 @@ TEAM = """
 import pickle, sys, types
 from pathlib import Path
 from accelerate import PartialState
-from gem_lite import train
-from gem_lite.gem import Policy
+from gem_lite.learning import train
+from gem_lite.policies.gem import Policy
 run = Path(sys.argv[1])
 settings, dim, steps = pickle.loads((run / "given").read_bytes())
 policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
@@ -207,7 +209,7 @@ def test_several_processes_average_their_gradients(prepared, model, tmp_path):
 
 
 def run_main(monkeypatch, capsys, *arguments):
-    """(exit status, what was written to stderr) of ``python -m gem_lite.train ARGUMENTS``."""
+    """(exit status, what was written to stderr) of ``python -m gem_lite.learning.train ARGUMENTS``."""
     monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
     with pytest.raises(SystemExit) as exit_:
         train.main()

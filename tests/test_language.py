@@ -1,8 +1,8 @@
 import pytest
 
-from gem_lite import colors, vocabulary
+from gem_lite import colors, tasks
+from gem_lite.clip_training import vocabulary
 from gem_lite.language import VERBS, Phrases, conjuncts, parse
-from gem_lite.tabletop import tasks
 
 
 @pytest.mark.parametrize(

@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, mobile
-from gem_lite.baselines.cliport import ClipPort, GroundedClipPort
-from gem_lite.baselines.transporter import TransporterLan
+from gem_lite import clip, tasks
 from gem_lite.config import LITE
-from gem_lite.gem import Policy
+from gem_lite.policies import several_tables as mobile
+from gem_lite.policies.cliport import ClipPort, GroundedClipPort
+from gem_lite.policies.gem import Policy
+from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
+from gem_lite.simulation import shapes, tags
+from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
+from gem_lite.simulation.world import World
+from gem_lite.simulation.worlds import WORLDS
 from gem_lite.steerable import SteerableKernel, correlate
-from gem_lite.tabletop import shapes, tags, tasks
-from gem_lite.tabletop.mobile_world import MobileWorld, RobotBody, side_by_side
-from gem_lite.tabletop.tasks import Task
-from gem_lite.tabletop.world import World
-from gem_lite.tabletop.worlds import WORLDS
+from gem_lite.tasks import Task
 
 MOBILE = LITE.on_table(1.06)
 TABLES = (Pose2(0.0, 0.0), Pose2(2.0, 1.8, 2.1))
@@ -399,7 +400,7 @@ def test_the_expert_sorts_over_two_tables(world, name):
 
 
 def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
-    from gem_lite.tabletop.tasks import object_sorting
+    from gem_lite.tasks import object_sorting
 
     assert len(object_sorting.SEEN) == 15 and len(object_sorting.UNSEEN) == 12
     assert not set(object_sorting.SEEN) & set(object_sorting.UNSEEN)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from gem_lite.se2 import Action, Pose2
-from gem_lite.tabletop import objects
-from gem_lite.tabletop.rendering import CAMERAS, render
+from gem_lite.simulation import objects
+from gem_lite.simulation.rendering import CAMERAS, render
 
 RED = (1.0, 0.34, 0.35, 1.0)
 

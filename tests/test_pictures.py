@@ -14,7 +14,7 @@ import torch
 from gem_lite import colors, steerable
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Action, ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
-from gem_lite.tabletop import shapes
+from gem_lite.simulation import shapes
 
 HIGH = 0.01
 """What is higher than this (m) is no table."""

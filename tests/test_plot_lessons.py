@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import plot_pick, plot_place, plot_results
-from gem_lite.failures import Failure
-from gem_lite.policy import RGBD, Choice, Sample
-from gem_lite.results import Cell
+from gem_lite.evaluation.failures import Failure
+from gem_lite.evaluation.results import Cell
+from gem_lite.figures import plot_pick, plot_place, plot_results
+from gem_lite.policies.base import RGBD, Choice, Sample
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2, Workspace
 

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from shapely.geometry import Point
 
-from gem_lite import calibration, clip, colors, crop_memory, pointing, results
+from gem_lite import clip, colors, tasks
+from gem_lite.clip import calibration
 from gem_lite.config import LITE
-from gem_lite.crop_memory import CropEntry, CropMemory
-from gem_lite.pointing import Pointing, lay_out, point
+from gem_lite.evaluation import pointing, results
+from gem_lite.evaluation.pointing import Pointing, lay_out, point
+from gem_lite.maps import crop_memory
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
-from gem_lite.tabletop import shapes, tasks
+from gem_lite.simulation import shapes
 
 SEED = tasks.episode_seed("val", 900_000)
 
@@ -277,4 +280,4 @@ def test_help_has_an_example(monkeypatch, capsys):
     with pytest.raises(SystemExit) as stop:
         pointing.main()
     assert stop.value.code == 0
-    assert "python -m gem_lite.pointing --scenes 200" in capsys.readouterr().out
+    assert "python -m gem_lite.evaluation.pointing --scenes 200" in capsys.readouterr().out

@@ -4,18 +4,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gem_lite import clip, evaluate, evaluate_mobile, experiments, failures, methods, pointing, results, statistics
+from gem_lite import clip, tasks
 from gem_lite.config import LITE
 from gem_lite.demonstrations import ExpertAction
-from gem_lite.evaluate import Episode
-from gem_lite.experiments import PLAN, Experiment
-from gem_lite.policy import Choice
-from gem_lite.results import result_row
+from gem_lite.evaluation import evaluate, evaluate_mobile, experiments, failures, pointing, results, statistics
+from gem_lite.evaluation.evaluate import Episode
+from gem_lite.evaluation.experiments import PLAN, Experiment
+from gem_lite.evaluation.results import result_row
+from gem_lite.evaluation.statistics import mean_and_interval
+from gem_lite.policies import methods
+from gem_lite.policies.base import Choice
 from gem_lite.se2 import Action, Pose2
-from gem_lite.statistics import mean_and_interval
-from gem_lite.tabletop import tasks
-from gem_lite.tabletop.world import World
-from gem_lite.tabletop.worlds import WORLDS
+from gem_lite.simulation.world import World
+from gem_lite.simulation.worlds import WORLDS
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -198,11 +199,11 @@ def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
     experiment = Experiment("cliport", TASK, demos=5, seed=2)
     trained, *measured = experiment.commands()
     state = tmp_path / "experiments" / "state" / experiment.name
-    assert trained[0] == "gem_lite.train" and trained[-2:] == ["--run", str(state)]
+    assert trained[0] == "gem_lite.learning.train" and trained[-2:] == ["--run", str(state)]
     assert [command[2] for command in measured] == list(experiment.measured_on)
     card(experiment)
     assert experiment.commands() == measured
-    assert [command[0] for command in Experiment("random", TASK).commands()] == ["gem_lite.evaluate"] * 2
+    assert [command[0] for command in Experiment("random", TASK).commands()] == ["gem_lite.evaluation.evaluate"] * 2
 
 
 def test_a_checkpoint_of_another_training_is_not_measured(card):
@@ -233,7 +234,7 @@ def test_the_demonstrations_world_names_the_files_where_it_is_not_the_plans(tmp_
     folders = [str(experiments.demonstrations_of(TASK, world)) for world in ("varied", "home")]
     assert len(set(folders)) == 2
     assert asked == [
-        ["gem_lite.collecting", "collect", TASK, folder, "--episodes", count, "--world", world]
+        ["gem_lite.learning.collecting", "collect", TASK, folder, "--episodes", count, "--world", world]
         for folder, count, world in zip(folders, ("20", "10"), ("varied", "home"), strict=True)
     ]
 
@@ -278,7 +279,7 @@ def test_scripted_experiments_know_when_they_are_done(tmp_path, monkeypatch):
 def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):
     monkeypatch.setattr(experiments, "FOLDER", tmp_path)
     experiment = Experiment("gem", TASK)
-    monkeypatch.setattr(Experiment, "commands", lambda self: [["gem_lite.train", "nowhere", "x.safetensors"]])
+    monkeypatch.setattr(Experiment, "commands", lambda self: [["gem_lite.learning.train", "nowhere", "x.safetensors"]])
     with pytest.raises(RuntimeError, match="ended with code 2"):
         experiments.run(experiment)
     assert "holds no demonstrations" in (tmp_path / "logs" / f"{experiment.name}.log").read_text()

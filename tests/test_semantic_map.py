@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, crop_memory, semantic_map
+from gem_lite import clip, tasks
 from gem_lite.config import LITE
-from gem_lite.crop_memory import CropEntry, CropMemory
-from gem_lite.semantic_map import PatchGrid, frame_averaged, fuse, patchify, plateau_centre, unpatchify
-from gem_lite.tabletop import tasks
+from gem_lite.maps import crop_memory, semantic_map
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
+from gem_lite.maps.semantic_map import PatchGrid, frame_averaged, fuse, patchify, plateau_centre, unpatchify
 
 
 @pytest.fixture(scope="module")

@@ -10,16 +10,20 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip, clip_crops, evaluate_mobile, mobile, plot_mobile, results, vocabulary
+from gem_lite import clip, tasks
+from gem_lite.clip_training import clip_crops, vocabulary
 from gem_lite.config import LITE
-from gem_lite.evaluate_mobile import Condition, Outcome
-from gem_lite.gem import Policy, near_peak
-from gem_lite.policy import RGBD
-from gem_lite.results import Cell
+from gem_lite.evaluation import evaluate_mobile, results
+from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
+from gem_lite.evaluation.results import Cell
+from gem_lite.figures import plot_mobile
+from gem_lite.policies import several_tables as mobile
+from gem_lite.policies.base import RGBD
+from gem_lite.policies.gem import Policy, near_peak
 from gem_lite.rgbd.camera import looking
 from gem_lite.se2 import Pose2
-from gem_lite.tabletop import symbols, tasks
-from gem_lite.tabletop.mobile_world import MobileWorld, side_by_side
+from gem_lite.simulation import symbols
+from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 
 MOBILE = LITE.on_table(1.06)
 

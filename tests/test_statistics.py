@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from scipy.special import expit
 
-from gem_lite import statistics
-from gem_lite.statistics import bounded_interval, mean_and_interval, paired_difference
+from gem_lite.evaluation import statistics
+from gem_lite.evaluation.statistics import bounded_interval, mean_and_interval, paired_difference
 
 LEAST = 0.93
 """The coverage that simulations must show, of 0.95."""

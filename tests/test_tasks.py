@@ -9,12 +9,13 @@ import pytest
 from shapely import affinity
 from shapely.geometry import Point
 
-from gem_lite import collecting, colors, language
+from gem_lite import colors, language, tasks
+from gem_lite.learning import collecting
 from gem_lite.se2 import Action, Pose2, Workspace
-from gem_lite.tabletop import shapes, tasks, trays
-from gem_lite.tabletop.rendering import bodies_from_above
-from gem_lite.tabletop.tasks import bars_in_box, packing_shapes, stack_block_pyramid
-from gem_lite.tabletop.world import World
+from gem_lite.simulation import shapes, trays
+from gem_lite.simulation.rendering import bodies_from_above
+from gem_lite.simulation.world import World
+from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
 
 PYRAMID = "stack-block-pyramid-seq-seen-colors"
 PYRAMID_UNSEEN = "stack-block-pyramid-seq-unseen-colors"

@@ -15,7 +15,10 @@ from gem_lite import clip
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 USE = """
-from gem_lite import clip, demo, evaluate, results, train
+from gem_lite import clip
+from gem_lite.cli import demo
+from gem_lite.evaluation import evaluate, results
+from gem_lite.learning import train
 model = clip.load()
 assert model.dim > 0 and model.calibration is not None
 assert (clip.DATA / "gem-put-block-in-bowl.safetensors").exists()

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from gem_lite import checkpoints, clip, demonstrations
+from gem_lite import clip, demonstrations
+from gem_lite.policies import checkpoints
 
 SHIPPED = "gem-put-block-in-bowl.safetensors"
 STORED = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
@@ -22,7 +23,7 @@ def run(program: str) -> str:
 
 def test_the_block_is_one():
     with pytest.raises(AssertionError, match="pybullet"):
-        run("import gem_lite.tabletop.world")
+        run("import gem_lite.simulation.world")
 
 
 def test_rooms_below_the_line_load_without_the_simulator():
@@ -31,7 +32,8 @@ def test_rooms_below_the_line_load_without_the_simulator():
 
 def test_a_shipped_policy_acts_on_a_stored_observation_without_the_simulator():
     program = f"""
-from gem_lite import checkpoints, clip, demonstrations
+from gem_lite.policies import checkpoints
+from gem_lite import clip, demonstrations
 policy = checkpoints.load_policy(clip.DATA / {SHIPPED!r}, clip.load())
 step = demonstrations.load({str(STORED)!r})[0].steps[0]
 print(policy.act(step.observation, step.instruction))

@@ -8,11 +8,11 @@ import numpy as np
 import pybullet as p
 import pytest
 
-from gem_lite import colors
+from gem_lite import colors, tasks
 from gem_lite.se2 import Action, Pose2, Workspace
-from gem_lite.tabletop import shapes, tasks
-from gem_lite.tabletop.tasks.spawn import FreeSpace
-from gem_lite.tabletop.world import World
+from gem_lite.simulation import shapes
+from gem_lite.simulation.world import World
+from gem_lite.tasks.spawn import FreeSpace
 
 HERE, THERE = Pose2(0.4, 0.2, 0.5), Pose2(0.6, -0.2, 0.5)
 MOVE = Action(HERE, THERE)

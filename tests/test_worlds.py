@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gem_lite.policy import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
+from gem_lite import tasks
+from gem_lite.policies.base import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
-from gem_lite.tabletop import tasks
-from gem_lite.tabletop.tasks.spawn import FreeSpace
-from gem_lite.tabletop.world import World
-from gem_lite.tabletop.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle
+from gem_lite.simulation.world import World
+from gem_lite.simulation.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle
+from gem_lite.tasks.spawn import FreeSpace
 
 BOWL_TASK = "put-block-in-bowl-seen-colors"
 

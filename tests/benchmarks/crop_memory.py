@@ -7,7 +7,7 @@ import torch
 from timing import seconds
 from torch.nn import functional
 
-from gem_lite.crop_memory import CropEntry, CropMemory
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
 
 SIZES = (100, 1000, 5000)
 THRESHOLD = 0.5

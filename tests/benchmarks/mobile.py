@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from timing import seconds
 
-from gem_lite import clip, mobile
+from gem_lite import clip, tasks
 from gem_lite.config import LITE
-from gem_lite.gem import Policy
-from gem_lite.policy import RGBD, collate
-from gem_lite.tabletop import tasks
-from gem_lite.tabletop.world import World
+from gem_lite.policies import several_tables as mobile
+from gem_lite.policies.base import RGBD, collate
+from gem_lite.policies.gem import Policy
+from gem_lite.simulation.world import World
 
 COUNTS = (1, 2, 4, 8)
 REPEATS = 7

@@ -33,10 +33,10 @@ SECONDS = 2.0
 
 def work() -> None:
     """The child: for each line that comes, work; print how long one scene and act took, by clock and by processor."""
-    from gem_lite import clip, semantic_map
-    from gem_lite.checkpoints import load_policy
-    from gem_lite.tabletop import tasks
-    from gem_lite.tabletop.world import World
+    from gem_lite import clip, tasks
+    from gem_lite.maps import semantic_map
+    from gem_lite.policies.checkpoints import load_policy
+    from gem_lite.simulation.world import World
 
     policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", clip.load())
     task = tasks.make("put-block-in-bowl-seen-colors", "val")

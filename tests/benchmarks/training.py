@@ -14,11 +14,12 @@ import torch
 from timing import seconds
 from torch import nn
 
-from gem_lite import clip, demonstrations, methods
+from gem_lite import clip, demonstrations
 from gem_lite.config import LITE, PAPER, Config
-from gem_lite.networks import parameter_count
-from gem_lite.policy import PickPlacePolicy
-from gem_lite.train import make_batch
+from gem_lite.learning.train import make_batch
+from gem_lite.policies import methods
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.networks import parameter_count
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
@@ -60,7 +61,7 @@ def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
 
 
 def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clock: Clock) -> None:
-    """One training step as `gem_lite.train.train` makes it."""
+    """One training step as `gem_lite.learning.train.train` makes it."""
     batch = clock.timed("batch", lambda: make_batch(prepared, policy.config, np.random.default_rng(0), policy.recolors))
     before = clock.spent["encoder"] + clock.spent["kernel"]
     start = time.perf_counter()

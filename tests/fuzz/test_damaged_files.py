@@ -20,11 +20,13 @@ import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gem_lite import calibration, checkpoints, clip, demonstrations
+from gem_lite import clip, demonstrations
+from gem_lite.clip import calibration
 from gem_lite.config import LITE
-from gem_lite.crop_memory import CropEntry, CropMemory, _digest
-from gem_lite.gem import Policy
-from gem_lite.results import file_rows, read_rows
+from gem_lite.evaluation.results import file_rows, read_rows
+from gem_lite.maps.crop_memory import CropEntry, CropMemory, _digest
+from gem_lite.policies import checkpoints
+from gem_lite.policies.gem import Policy
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,

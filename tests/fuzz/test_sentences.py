@@ -5,7 +5,8 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gem_lite import language, vocabulary
+from gem_lite import language
+from gem_lite.clip_training import vocabulary
 from gem_lite.language import PLACING, VERBS, Phrases, conjuncts, parse
 
 NOUNS = tuple(name for names in vocabulary.NOUNS.values() for name in names)

@@ -1,0 +1,229 @@
+"""One frozen CLIP: a real one by name, a local folder, or the embedded one in data/clip-tabletop."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
+
+import huggingface_hub
+import transformers
+from transformers.image_processing_base import ImageProcessingMixin
+
+from gem_lite.clip.calibration import Calibration, load_or_measure
+from gem_lite.clip.resnet_clip import ResNetClip
+
+
+def data_folder(package: Path) -> Path:
+    """Where models, demonstrations and results are, given the folder of the package ``gem_lite``.
+
+    In a checkout that is ``data`` beside the package; an installed wheel has it as ``gem_lite_data``.
+    """
+    checkout = package.parent / "data"
+    return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
+
+
+DATA = data_folder(Path(__file__).resolve().parent.parent)
+EMBEDDED = DATA / "clip-tabletop"
+ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
+
+
+class Clip:
+    """A frozen image and text encoder with unit-length embeddings. Make one with `load`.
+
+    Attributes:
+        name: what was loaded; figures and results carry it.
+        dim: length of an embedding.
+        width: how many features of a picture's place are pooled and projected to its embedding.
+        fingerprint: a short hash of the weights: tells two models apart whatever their names.
+        folder: the local folder with the model's files, if there is one.
+    """
+
+    def __init__(self, name: str, model: torch.nn.Module, tokenizer, preprocessing: dict, folder: Path | None) -> None:
+        self.name, self.folder = name, folder
+        self.fingerprint = _fingerprint(model)
+        model.eval().requires_grad_(False)
+        if isinstance(model, ResNetClip):
+            model.fold_batch_norms()
+        self._model = model.to(memory_format=torch.channels_last)
+        self.tokenizer = tokenizer
+        size = preprocessing.get("crop_size") or preprocessing["size"]
+        if isinstance(size, dict):
+            size = size.get("height") or size["shortest_edge"]
+        self._size = int(size)
+        mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
+        self._scale, self._shift = 1 / std, -mean / std
+        self.dim = int(model.config.projection_dim)
+        self.width = int(model.visual_projection.in_features)
+        self._texts: dict[str, torch.Tensor] = {}
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The scale of this model's scores and its retrieval threshold, measured at first use."""
+        return load_or_measure(self)
+
+    @property
+    def parameter_count(self) -> int:
+        """How many numbers the model holds."""
+        return sum(parameter.numel() for parameter in self._model.parameters())
+
+    @property
+    def device(self) -> torch.device:
+        """Where the model lives."""
+        return next(self._model.parameters()).device
+
+    def to(self, device: str | torch.device) -> Clip:
+        """Move the model to a device."""
+        self._model.to(device)
+        self._texts.clear()
+        return self
+
+    @torch.inference_mode()
+    def embed_texts(self, phrases: Sequence[str]) -> torch.Tensor:
+        """Embed phrases; each is encoded once and remembered.
+
+        Returns:
+            (N, dim) float32, unit length.
+
+        Raises:
+            ValueError: an empty phrase.
+        """
+        if any(not phrase.strip() for phrase in phrases):
+            raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
+        new = [phrase for phrase in dict.fromkeys(phrases) if phrase not in self._texts]
+        if new:
+            tokens = self.tokenizer(new, padding=True, truncation=True, return_tensors="pt").to(self.device)
+            features = self._model.get_text_features(
+                input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
+            )
+            for phrase, feature in zip(new, unit(features), strict=True):
+                self._texts[phrase] = feature
+        return torch.stack([self._texts[phrase] for phrase in phrases])
+
+    @torch.inference_mode()
+    def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 64) -> torch.Tensor:
+        """Embed a stack of equally large pictures.
+
+        Args:
+            images: (N, H, W, 3) uint8.
+
+        Returns:
+            (N, dim) float32, unit length.
+        """
+        images = torch.as_tensor(images)
+        if images.ndim != 4 or images.shape[-1] != 3 or images.dtype != torch.uint8:
+            raise ValueError(f"images must be (N, H, W, 3) uint8, got {tuple(images.shape)} {images.dtype}")
+        if len(images) == 0:
+            return torch.zeros(0, self.dim)
+        features = [
+            unit(self._model.get_image_features(pixel_values=self._pixels(part))) for part in images.split(batch_size)
+        ]
+        return torch.cat(features)
+
+    @torch.inference_mode()
+    def dense_features(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """The last features before they are pooled, of every place of a picture in one forward pass.
+
+        Coarser than patches that are embedded one by one, and each place has seen its surroundings. The
+        picture is enlarged so that ``patch`` pixels become as wide as the pictures that the model knows.
+
+        Args:
+            image: (H, W, 3) uint8.
+
+        Returns:
+            (width, h, w) float32 on the CPU, of mean square 1 at every place; cell (i, j) is centred in its
+            share of the picture.
+        """
+        features = self._features(image, patch)  # (h, w, width)
+        return (self.width**0.5 * F.normalize(features.float(), dim=-1)).permute(2, 0, 1).cpu().contiguous()
+
+    @torch.inference_mode()
+    def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """`dense_features` taken to where pictures are compared with words: (dim, h, w), unit length at every place."""
+        features = self._model.visual_projection(self._features(image, patch))  # (h, w, dim)
+        return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+
+    def _features(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        size = [round(length * self._size / patch) for length in image.shape[:2]]
+        pixels = self._pixels(torch.from_numpy(np.ascontiguousarray(image))[None], size)
+        if isinstance(self._model, ResNetClip):
+            return self._model.feature_map(pixels)[0]
+        tower = self._model.vision_model
+        tokens = tower(pixel_values=pixels, interpolate_pos_encoding=True).last_hidden_state[:, 1:]
+        side = self._model.config.vision_config.patch_size
+        return tower.post_layernorm(tokens).unflatten(1, [length // side for length in size])[0]
+
+    def _pixels(self, images: torch.Tensor, size: Sequence[int] | None = None) -> torch.Tensor:
+        size = size or (self._size, self._size)
+        pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W), channels last
+        if pixels.shape[-2:] != tuple(size):
+            pixels = F.interpolate(pixels, tuple(size), mode="bicubic", antialias=True).clamp(0, 255)
+        return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels))
+
+
+def _fingerprint(model: torch.nn.Module) -> str:
+    digest = hashlib.sha256()
+    for name, value in sorted(model.state_dict().items()):
+        digest.update(name.encode() + value.cpu().float().numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def unit(features: object) -> torch.Tensor:
+    """What ``get_image_features`` or ``get_text_features`` returned, as unit-length float32 vectors."""
+    # Newer transformers wrap the projected features in an output object.
+    tensor = features if isinstance(features, torch.Tensor) else features.pooler_output
+    return F.normalize(tensor.float(), dim=-1)
+
+
+def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, object, dict]:
+    # Float32 whatever the file holds: half precision is slow on a CPU, and maps are compared to 1e-4.
+    model = transformers.AutoModel.from_pretrained(name, local_files_only=offline, dtype=torch.float32)
+    tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
+    return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
+
+
+def _find(name: str) -> tuple[torch.nn.Module, object, dict]:
+    """What is on this machine first; only then, and saying so, the network."""
+    transformers.utils.logging.disable_progress_bar()
+    try:
+        return _from_pretrained(name, offline=True)
+    except OSError:
+        if Path(name).is_dir():
+            raise
+    print(f"{name} is not on this machine; asking Hugging Face (half a minute without a network) ...")
+    transformers.utils.logging.enable_progress_bar()
+    huggingface_hub.utils.logging.set_verbosity_error()
+    return _from_pretrained(name, offline=False)
+
+
+def load(name_or_path: str | Path | None = None) -> Clip:
+    """Load a frozen CLIP through transformers.
+
+    Args:
+        name_or_path: a Hugging Face name such as ``openai/clip-vit-base-patch32`` (the paper's) or a
+            folder in that format. Without it, the environment variable GEM_LITE_CLIP decides; without
+            that, the embedded CLIP, which this project trained itself on rendered table scenes.
+
+    Raises:
+        OSError: the model is neither in the folder, nor in the local cache, nor to be reached.
+    """
+    name = str(name_or_path or os.environ.get(ENVIRONMENT_VARIABLE) or EMBEDDED)
+    try:
+        model, tokenizer, preprocessing = _find(name)
+    except (OSError, ValueError) as error:
+        raise OSError(
+            f"the CLIP {name!r} could not be loaded: no such folder, and not in the local cache or reachable.\n"
+            f"Give a folder that holds the model, connect once to download it, or unset {ENVIRONMENT_VARIABLE} "
+            "to use the embedded CLIP."
+        ) from error
+    folder = Path(name) if Path(name).is_dir() else None
+    label = f"embedded {folder.name}" if folder and folder.resolve().parent == DATA else name
+    return Clip(label, model, tokenizer, preprocessing, folder)

@@ -1,0 +1,1 @@
+"""How the embedded CLIPs are made, and their cards."""

@@ -1,0 +1,103 @@
+"""Teach the embedded CLIP the symbol boxes of object-sorting: a second embedded CLIP, trained further from it.
+
+Kept apart from the first one, since a policy belongs to the CLIP that it was trained with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from gem_lite import clip
+from gem_lite.clip import Clip
+from gem_lite.clip.resnet_clip import ResNetClip
+from gem_lite.clip_training import clip_card, pretrain_clip, vocabulary
+from gem_lite.clip_training.clip_crops import NOUN_NAMES, SHAPE_NAMES, Crops, render_crops, rendered_crops
+
+OUT = clip.DATA / "clip-sorting"
+LEARNING_RATE = 5e-4
+"""A quarter of the first training's: what is known should stay."""
+
+CARD = """# The embedded CLIP for object-sorting
+
+`data/clip-tabletop` trained further by `python -m gem_lite.clip_training.extend_clip` on {crops} crops of
+{scenes} scenes, in which every fifth body is a box with a symbol on its floor: {boxes}.
+Weights are stored in half precision. What the other card says of it, and of what it is not (OpenAI's), holds here,
+too. This card is written by the same command.
+
+Zero-shot accuracy in percent on fresh scenes (seed {seed}, {test_scenes} scenes, other proportions), each crop
+compared with the plain names of all {nouns} shapes, objects and symbol boxes:
+
+| crops of | crops | before | after |
+|---|---|---|---|
+{rows}
+"""
+
+
+def accuracy(model: Clip, crops: Crops) -> float:
+    """Share (0-100) of crops whose shape, object or symbol box is named right among all of them."""
+    words = model.embed_texts([f"a {names[0]}" for names in vocabulary.NOUNS.values()]).cpu()
+    guess = (model.embed_images(crops.images).cpu() @ words.T).argmax(dim=1).numpy()
+    return 100 * float((guess == crops.shape).mean())
+
+
+def write_card(out: Path, before: Clip, after: Clip, crops: int, scenes: int, test_scenes: int) -> str:
+    """Measure both models and write README.md of the new one's folder; returns the text."""
+    test = render_crops(test_scenes, clip_card.SEED + 10, "sorting-test")
+    boxed = test.shape >= len(SHAPE_NAMES)
+    groups = {
+        "symbol boxes, framed": test.chosen(boxed & test.whole),
+        "symbol boxes, patches anywhere on them": test.chosen(boxed & ~test.whole),
+        "shapes and objects, framed": test.chosen(~boxed & (test.shape >= 0) & test.whole),
+        "shapes and objects, patches": test.chosen(~boxed & (test.shape >= 0) & ~test.whole),
+    }
+    rows = [
+        f"| {title} | {len(part)} | {accuracy(before, part):.1f} | {accuracy(after, part):.1f} |"
+        for title, part in groups.items()
+    ]
+    text = CARD.format(
+        crops=crops, scenes=scenes, boxes=", ".join(vocabulary.BOXES), seed=clip_card.SEED + 10,
+        test_scenes=test_scenes, nouns=len(NOUN_NAMES), rows="\n".join(rows),
+    )  # fmt: skip
+    (out / "README.md").write_text(text, encoding="utf-8")
+    return text
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.clip_training.extend_clip --help``."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n\n")[0],
+        epilog="example: python -m gem_lite.clip_training.extend_clip --scenes 700 --epochs 2",
+    )
+    parser.add_argument("--scenes", type=int, default=700, help="training scenes to render (default 700)")
+    parser.add_argument("--epochs", type=int, default=2, help="passes over the crops (default 2)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of scenes and captions (default 1)")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder to write (default data/clip-sorting)")
+    parser.add_argument("--run", type=Path, default=Path("runs/extend_clip"), help="folder for crops and resuming")
+    args = parser.parse_args()
+    if args.scenes < 1 or args.epochs < 1:
+        parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
+    start = time.time()
+    crops = rendered_crops(args.run, args.scenes, args.seed, "sorting")
+    share = np.mean(crops.shape >= len(SHAPE_NAMES))
+    print(f"{len(crops)} crops, {share:.0%} of them symbol boxes")
+    before = clip.load(clip.EMBEDDED)
+    begun = (ResNetClip.from_pretrained(clip.EMBEDDED, dtype=torch.float32), before.tokenizer)
+    try:
+        model, tokenizer = pretrain_clip.train(
+            crops, args.epochs, args.seed, args.run, rate=LEARNING_RATE, begun=begun
+        )  # fmt: skip
+    except ValueError as error:
+        parser.exit(2, f"{error}\n")
+    pretrain_clip.save(model.half(), tokenizer, args.out)
+    print(f"wrote {args.out} after {time.time() - start:.0f} s")
+    after = clip.load(args.out)
+    print(write_card(args.out, before, after, len(crops), args.scenes, 60), after.calibration)
+
+
+if __name__ == "__main__":
+    main()

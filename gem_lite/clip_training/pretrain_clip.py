@@ -1,0 +1,304 @@
+"""Train the embedded CLIP on captions and crops that this project renders itself.
+
+`gem_lite.clip_training.clip_crops` renders the pictures, `gem_lite.clip_training.vocabulary` writes their captions,
+and the result is stored in the Hugging Face format. It knows colours and shapes that no demonstration shows: CLIP is
+broad, demonstrations are narrow, as in the paper.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers, processors, trainers
+from tqdm import tqdm
+from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
+
+from gem_lite import clip
+from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
+from gem_lite.clip_training import clip_card, vocabulary
+from gem_lite.clip_training.clip_crops import (
+    COLOR_NAMES,
+    IMAGE_SIZE,
+    NOUN_NAMES,
+    PART_KEYS,
+    SHAPE_NAMES,
+    Crops,
+    rendered_crops,
+)
+
+SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
+# <eos> must not have id 2: transformers' CLIP then pools at argmax(input_ids), which is some other word.
+PAD, BOS, EOS = SPECIAL.index("<pad>"), SPECIAL.index("<bos>"), SPECIAL.index("<eos>")
+REWORDED_A_BATCH, STRANGERS_A_BATCH = 96, 24
+LEARNING_RATE = 2e-3
+
+Key = tuple[str | None, str | None, str | None]
+"""What a caption says: colour, shape, part; None where it says nothing."""
+
+
+def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
+    """A byte-level BPE tokenizer over many captions: any text is accepted, known words are short."""
+    rng = np.random.default_rng(seed)
+    captions = [
+        vocabulary.caption(color, shape, rng)
+        for color in (None, *COLOR_NAMES)
+        for shape in (None, *SHAPE_NAMES, *vocabulary.STRANGERS)
+        if (color, shape) not in vocabulary.HELD_OUT
+        for _ in range(10)
+    ]
+    captions += [vocabulary.caption(None, shape, rng, part) for shape, part in PART_KEYS for _ in range(100)]
+    tokenizer = Tokenizer(models.BPE(unk_token="<unk>"))
+    tokenizer.normalizer = normalizers.Lowercase()
+    tokenizer.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=True)
+    tokenizer.decoder = decoders.ByteLevel()
+    alphabet = pre_tokenizers.ByteLevel.alphabet()
+    tokenizer.train_from_iterator(
+        captions, trainers.BpeTrainer(vocab_size=1500, special_tokens=list(SPECIAL), initial_alphabet=alphabet)
+    )
+    tokenizer.post_processor = processors.TemplateProcessing(
+        single="<bos> $A <eos>", special_tokens=[("<bos>", BOS), ("<eos>", EOS)]
+    )
+    return PreTrainedTokenizerFast(
+        tokenizer_object=tokenizer, pad_token="<pad>", bos_token="<bos>", eos_token="<eos>", unk_token="<unk>",
+        model_max_length=32,
+    )  # fmt: skip
+
+
+def make_model(vocab_size: int, widths: Sequence[int] = (32, 64, 128, 256)) -> ResNetClip:
+    """A residual image tower and a two-layer text tower, in transformers' dual-encoder format."""
+    vision = ResNetConfig(
+        embedding_size=widths[0], hidden_sizes=list(widths), depths=[1, 1, 2, 1], layer_type="basic",
+        hidden_size=widths[-1], image_size=IMAGE_SIZE,
+    )  # fmt: skip
+    text = CLIPTextConfig(
+        vocab_size=vocab_size, hidden_size=128, intermediate_size=512, num_hidden_layers=2, num_attention_heads=4,
+        max_position_embeddings=32, pad_token_id=PAD, bos_token_id=BOS, eos_token_id=EOS, projection_dim=128,
+    )  # fmt: skip
+    return ResNetClip(ResNetClipConfig.from_vision_text_configs(vision, text, projection_dim=128))
+
+
+def _contrast(image: torch.Tensor, text: torch.Tensor, match: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+    """CLIP's symmetric loss where a caption may match many images. ``match`` (B, P): one caption a row."""
+    logits = scale * image @ text.T  # (B, P)
+    to_text = F.cross_entropy(logits, match.int().argmax(dim=1))
+    target = match.float() / match.sum(dim=0)
+    to_image = -(target * logits.log_softmax(dim=0)).sum(dim=0).mean()
+    return (to_text + to_image) / 2
+
+
+def caption_sets(crops: Crops, rng: np.random.Generator) -> list[tuple[np.ndarray, list[Key], np.ndarray]]:
+    """Four ways to name a batch: colour and shape, colour, shape, and part (with the colour by a coin's toss).
+
+    A crop whose colour has no name is in none that says a colour, one that shows no one part not in the last.
+
+    Returns:
+        For each way (rows, keys, match): the crops that it names, its distinct captions, and (rows, keys) bool.
+    """
+    table, colored = crops.shape < 0, crops.color >= 0
+    nothing = np.full(len(crops), -1)
+    part_color = crops.color if rng.random() < 0.5 else nothing
+    sets = []
+    for rows, columns in (
+        (table | colored, (crops.color, crops.shape, nothing)),
+        (table | colored, (crops.color, nothing, nothing)),
+        (np.full(len(crops), True), (nothing, crops.shape, nothing)),
+        (crops.part >= 0, (part_color, crops.shape, crops.part)),
+    ):
+        unique, inverse = np.unique(np.stack(columns, axis=1)[rows], axis=0, return_inverse=True)
+        keys = [
+            (
+                COLOR_NAMES[c] if c >= 0 else None,
+                NOUN_NAMES[s] if s >= 0 else None,
+                PART_KEYS[q][1] if q >= 0 else None,
+            )
+            for c, s, q in unique
+        ]
+        sets.append((np.flatnonzero(rows), keys, inverse.reshape(-1, 1) == np.arange(len(keys))))
+    return sets
+
+
+def _augment(images: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """(B, H, W, 3) bytes to (B, 3, H, W) in [-1, 1], with other light and framing. No mirrors, for letters."""
+    light = (1 + 0.08 * torch.randn(len(images), 1, 1, 1, generator=generator)) * (
+        1 + 0.02 * torch.randn(len(images), 1, 1, 3, generator=generator)
+    )
+    side = int(torch.randint(IMAGE_SIZE - 6, IMAGE_SIZE + 1, (), generator=generator))
+    top, left = (int(torch.randint(0, IMAGE_SIZE - side + 1, (), generator=generator)) for _ in range(2))
+    pixels = images[:, top : top + side, left : left + side] * (light / 127.5) - 1
+    framed = F.interpolate(pixels.permute(0, 3, 1, 2), (IMAGE_SIZE, IMAGE_SIZE), mode="bilinear")
+    return framed.clamp(-1, 1)
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """What one step needs: pixels (B, 3, H, W), all captions' tokens, and which caption belongs to what."""
+
+    pixels: torch.Tensor
+    tokens: BatchEncoding
+    sets: list[tuple[np.ndarray, list[Key], np.ndarray]]
+    reworded: int
+
+
+def _make_batch(
+    crops: Crops, tokenizer: PreTrainedTokenizerFast, rng: np.random.Generator, generator: torch.Generator
+) -> _Batch:
+    sets = caption_sets(crops, rng)
+    strangers = [
+        (str(rng.choice(COLOR_NAMES)) if rng.random() < 0.8 else None, str(rng.choice(vocabulary.STRANGERS)), None)
+        for _ in range(STRANGERS_A_BATCH)
+    ]
+    shown = list(dict.fromkeys([*sets[0][1], *sets[2][1], *sets[3][1]]))
+    reworded = [shown[i] for i in rng.permutation(len(shown))[:REWORDED_A_BATCH]] + list(dict.fromkeys(strangers))
+    said = [key for _, keys, _ in sets for key in keys]
+    texts = [vocabulary.caption(color, shape, rng, part) for color, shape, part in (*said, *reworded, *reworded)]
+    pixels = _augment(torch.from_numpy(crops.images), generator).contiguous(memory_format=torch.channels_last)
+    return _Batch(pixels, tokenizer(texts, padding=True, return_tensors="pt"), sets, len(reworded))
+
+
+def _loss(model: ResNetClip, batch: _Batch) -> torch.Tensor:
+    """The contrast of pictures with four kinds of captions, and of captions with their own rewordings."""
+    # Only the towers: bfloat16 logits would round what the loss is about.
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        image = model.get_image_features(pixel_values=batch.pixels)
+        text = model.get_text_features(
+            input_ids=batch.tokens["input_ids"], attention_mask=batch.tokens["attention_mask"]
+        )
+    image, text = clip.unit(image), clip.unit(text)
+    scale = model.logit_scale.exp().clamp(max=30)
+    *parts, first, second = text.split([*(len(keys) for _, keys, _ in batch.sets), batch.reworded, batch.reworded])
+    loss = 0.3 * _contrast(first, second, torch.eye(batch.reworded, dtype=torch.bool), scale)
+    for (rows, _, match), words, weight in zip(batch.sets, parts, (1.0, 0.5, 1.0, 0.5), strict=True):
+        if len(rows):
+            loss = loss + weight * _contrast(image[torch.from_numpy(rows)], words, torch.from_numpy(match), scale)
+    return loss
+
+
+def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed: int, epoch: int) -> Iterator[_Batch]:
+    """One epoch's batches; the next one is made in a thread while a step is computed."""
+    rng, generator = np.random.default_rng((seed, epoch)), torch.Generator().manual_seed(seed * 1000 + epoch)
+    order = rng.permutation(len(crops))
+
+    def make(step: int) -> _Batch:
+        return _make_batch(crops.chosen(order[step * batch : (step + 1) * batch]), tokenizer, rng, generator)
+
+    # One thread for the pictures: the step needs the cores more.
+    with ThreadPoolExecutor(max_workers=1, initializer=torch.set_num_threads, initargs=(1,)) as thread:
+        coming = thread.submit(make, 0)
+        for step in range(1, len(crops) // batch + 1):
+            ready = coming.result()
+            if step < len(crops) // batch:
+                coming = thread.submit(make, step)
+            yield ready
+
+
+def train(
+    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE,
+    begun: tuple[ResNetClip, PreTrainedTokenizerFast] | None = None,
+) -> tuple[ResNetClip, PreTrainedTokenizerFast]:  # fmt: skip
+    """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
+
+    Args:
+        begun: a trained model and its tokenizer, to train further; fresh ones without it.
+
+    Raises:
+        ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
+    """
+    torch.manual_seed(seed)
+    if begun:
+        model, tokenizer = begun
+    else:
+        tokenizer = train_tokenizer()
+        model = make_model(len(tokenizer))
+    model = model.to(memory_format=torch.channels_last).train()
+    optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
+    steps = epochs * (len(crops) // batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps, pct_start=0.1)
+    identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch, "rate": rate}
+    state_file, start = run / "state.pt", 0
+    if state_file.exists():
+        state = torch.load(state_file)
+        if state["identity"] != identity:
+            raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
+        model.load_state_dict(state["model"])
+        optimizer.load_state_dict(state["optimizer"])
+        schedule.load_state_dict(state["schedule"])
+        start = state["epoch"]
+        print(f"resuming after epoch {start} from {state_file}")
+    for epoch in range(start, epochs):
+        batches = _batches(crops, batch, tokenizer, seed, epoch)
+        bar = tqdm(batches, f"epoch {epoch + 1}/{epochs}", len(crops) // batch, unit="step", mininterval=2)
+        for made in bar:
+            loss = _loss(model, made)
+            optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            optimizer.step()
+            schedule.step()
+            bar.set_postfix(loss=f"{loss.item():.3f}")
+        state = {
+            "model": model.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict(),
+            "epoch": epoch + 1, "identity": identity,
+        }  # fmt: skip
+        torch.save(state, state_file.with_suffix(".tmp"))
+        os.replace(state_file.with_suffix(".tmp"), state_file)
+    return model.eval(), tokenizer
+
+
+def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:
+    """Write a folder that `transformers` loads; the old folder stays whole until the new one is.
+
+    A calibration or card in the old folder goes with it: they belong to the old weights.
+    """
+    fresh = out.with_name(out.name + ".new")
+    shutil.rmtree(fresh, ignore_errors=True)
+    model.to(memory_format=torch.contiguous_format).save_pretrained(fresh)
+    tokenizer.save_pretrained(fresh)
+    preprocessing = {
+        "image_processor_type": "CLIPImageProcessor", "do_resize": True, "do_center_crop": False,
+        "size": {"height": IMAGE_SIZE, "width": IMAGE_SIZE}, "do_normalize": True, "do_rescale": True,
+        "image_mean": [0.5] * 3, "image_std": [0.5] * 3, "resample": 3,
+    }  # fmt: skip
+    (fresh / "preprocessor_config.json").write_text(json.dumps(preprocessing, indent=1))
+    shutil.rmtree(out, ignore_errors=True)
+    os.replace(fresh, out)
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.clip_training.pretrain_clip --help``."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n\n")[0],
+        epilog="example: python -m gem_lite.clip_training.pretrain_clip --scenes 2800 --epochs 4 --out runs/clip",
+    )
+    parser.add_argument("--scenes", type=int, default=2800, help="training scenes to render (default 2800)")
+    parser.add_argument("--epochs", type=int, default=4, help="passes over the crops (default 4)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of scenes, captions and weights (default 0)")
+    parser.add_argument("--out", type=Path, default=clip.EMBEDDED, help="folder to write (default the embedded CLIP's)")
+    parser.add_argument("--run", type=Path, default=Path("runs/pretrain_clip"), help="folder for crops and resuming")
+    args = parser.parse_args()
+    if args.scenes < 1 or args.epochs < 1:
+        parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
+    start = time.time()
+    crops = rendered_crops(args.run, args.scenes, args.seed)
+    print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")
+    try:
+        model, tokenizer = train(crops, args.epochs, args.seed, args.run)
+    except ValueError as error:
+        parser.exit(2, f"{error}\n")
+    save(model, tokenizer, args.out)
+    print(f"wrote {args.out} after {time.time() - start:.0f} s")
+    print(clip_card.write(args.out, clip.load(args.out), len(crops)))
+
+
+if __name__ == "__main__":
+    main()

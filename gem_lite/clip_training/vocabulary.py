@@ -1,0 +1,163 @@
+"""The words of the embedded CLIP: what it was shown, and how captions name it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gem_lite import colors
+from gem_lite.simulation import objects, shapes, symbols
+
+COLORS: dict[str, tuple[str, ...]] = {
+    "blue": ("blue", "azure"),
+    "red": ("red", "scarlet", "crimson"),
+    "green": ("green", "emerald"),
+    "orange": ("orange", "tangerine"),
+    "yellow": ("yellow", "golden"),
+    "purple": ("purple", "violet"),
+    "pink": ("pink", "rose"),
+    "cyan": ("cyan", "teal", "turquoise"),
+    "brown": ("brown", "chestnut"),
+    "white": ("white", "snowy"),
+    "gray": ("gray", "grey"),
+    "black": ("black", "jet black"),
+    "lime": ("lime", "lime green"),
+    "magenta": ("magenta", "fuchsia"),
+}
+"""Each colour's names, the plain one first."""
+
+RGB: dict[str, tuple[int, int, int]] = {
+    **colors.RGB,
+    "black": (18, 18, 18),
+    "lime": (165, 235, 45),
+    "magenta": (205, 35, 150),
+}
+
+LETTERS = ("H", "K", "X", "S")
+DIGITS = ("2", "3", "4", "7", "8")
+GLYPHS = tuple(f"letter {c} shape" for c in LETTERS) + tuple(f"digit {c} shape" for c in DIGITS)
+"""Pieces like the kitting letters; those that another one's turn or mirror image resembles are left out."""
+
+_SYNONYMS: dict[str, tuple[str, ...]] = {
+    "block": ("cube",),
+    "bowl": ("dish",),
+    "circle": ("disc", "round piece"),
+    "star": ("five-pointed star",),
+    "plus": ("cross",),
+    "diamond": ("rhombus",),
+    "L-block": ("L-shaped block",),
+    "box": ("container", "open box"),
+    "plate": ("saucer",),
+    "ball": ("sphere",),
+    "cylinder": ("can",),
+    "cone": ("traffic cone",),
+    "mug": ("coffee mug", "cup"),
+    "pan": ("frying pan", "skillet"),
+    "flashlight": ("torch",),
+    "wrench": ("spanner",),
+    "airplane": ("plane", "aeroplane"),
+    "toy car": ("car", "toy automobile"),
+    "glasses": ("eyeglasses", "spectacles"),
+    "hat": ("fedora",),
+    "headphones": ("headset",),
+    "teapot": ("kettle",),
+    "brush": ("scrubbing brush",),
+    "magnifying glass": ("magnifier",),
+    "duck": ("rubber duck", "duckling"),
+    "dumbbell": ("barbell",),
+    "sailboat": ("boat", "toy boat"),
+    "lamp": ("table lamp",),
+    "chair": ("toy chair",),
+    "lollipop": ("sucker",),
+    "mushroom": ("toadstool",),
+    "wine glass": ("goblet",),
+    "bottle": ("flask",),
+    "spatula": ("turner",),
+    "pencil": ("crayon",),
+    "hammer": ("mallet",),
+    "spoon": ("teaspoon",),
+    "knife": ("table knife",),
+}
+
+SHAPES: dict[str, tuple[str, ...]] = {
+    name: (name, *_SYNONYMS.get(name, ()))
+    for name in (
+        "block", "bowl", "L-block", *shapes.BASIC,
+        *shapes.SEEN_SHAPES, *shapes.UNSEEN_SHAPES, *GLYPHS, *objects.NAMES,
+    )
+}  # fmt: skip
+"""Each shape's or object's names, the plain one first."""
+
+_SYMBOL_SYNONYMS = {"recycle": "recycling", "gear": "cogwheel", "smiley": "smile face", "moon": "crescent"}
+
+BOXES: dict[str, tuple[str, ...]] = {
+    f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
+    for symbol in symbols.SYMBOLS
+}
+"""Names of the boxes told apart by a symbol, which `extend_clip` teaches."""
+
+NOUNS = SHAPES | BOXES
+
+_PART_SYNONYMS = {"handle": "grip", "brim": "rim", "body": "middle", "head": "tip", "blade": "edge"}
+
+PARTS: dict[tuple[str, str], tuple[str, ...]] = {
+    (name, part): (part, _PART_SYNONYMS[part]) if part in _PART_SYNONYMS else (part,)
+    for name in objects.NAMES
+    for part in objects.part_names(name)
+}
+"""Each object's parts and their names: ("mug", "handle") is called "mug handle" or "mug grip"."""
+
+TABLE = ("table", "empty table", "the table", "dark table", "bare table top", "floor", "background", "nothing")
+
+STRANGERS: tuple[str, ...] = (
+    "sofa", "bicycle", "window", "tree", "cat", "mountain", "guitar", "violin", "bread", "cheese", "sandwich", "river",
+    "pillow", "blanket", "shirt", "trousers", "sock", "glove", "camera", "telephone", "computer", "keyboard", "book",
+    "newspaper", "envelope", "stamp", "coin", "wallet", "belt", "necklace", "candle", "vase", "flower pot", "tomato",
+    "potato", "onion", "cabbage", "grape", "cherry", "melon", "cookie", "cake", "ladder", "bucket", "shovel", "rake",
+    "saw", "drill", "nail", "screw", "rope", "chain", "tent", "backpack", "drum", "trumpet", "piano", "whistle",
+    "horse", "rabbit", "tiger", "fish", "bird", "butterfly", "spider", "frog", "truck", "tractor", "rocket", "ship",
+)  # fmt: skip
+"""Nouns that training says and never shows: they teach the text tower that an unknown thing is none it knows."""
+
+HELD_OUT: frozenset[tuple[str, str]] = frozenset(
+    {
+        ("cyan", "star"), ("red", "hexagon"), ("yellow", "heart"), ("purple", "plus"), ("green", "ring"),
+        ("blue", "triangle"), ("pink", "letter R shape"), ("orange", "flower"), ("white", "pentagon"),
+        ("brown", "letter T shape"), ("gray", "diamond"), ("red", "letter E shape"), ("blue", "mug"),
+        ("yellow", "hammer"), ("green", "teapot"), ("purple", "toy car"), ("pink", "airplane"), ("orange", "key"),
+        ("white", "duck"), ("cyan", "scissors"),
+    }
+)  # fmt: skip
+"""Colour-shape pairs that training never shows and never says: they measure how CLIP composes."""
+
+_FULL = ("{}", "a {}", "the {}", "one {}", "a photo of a {}", "a picture of the {}", "this is a {}")
+_THING = ("{}", "something {}", "a {} thing", "the {} object", "{} objects")
+
+
+def plural(noun: str) -> str:
+    """The plural of a shape's name: blocks, letter R shapes, crosses."""
+    if noun.endswith(("glasses", "scissors", "headphones", "spectacles")):
+        return noun
+    return noun + ("es" if noun.endswith(("s", "x", "sh", "ch")) else "s")
+
+
+def nearest_color(rgb: np.ndarray) -> str:
+    """The named colour nearest to an RGB value (0-255)."""
+    return min(RGB, key=lambda name: float(np.square(np.array(RGB[name]) - rgb).sum()))
+
+
+def caption(color: str | None, shape: str | None, rng: np.random.Generator, part: str | None = None) -> str:
+    """A random caption of a colour, a shape, both, or (neither) the bare table.
+
+    ``part`` names a part of the shape: "blue mug handle". A shape that is not in `NOUNS` is said as it is.
+    """
+    if color is None and shape is None:
+        return str(rng.choice(TABLE))
+    word = rng.choice(COLORS[color]) if color else ""
+    if shape is None:
+        return str(rng.choice(_THING)).format(word)
+    noun = str(rng.choice(NOUNS.get(shape, (shape,))))
+    if part:
+        noun = f"{noun} {rng.choice(PARTS[shape, part])}"
+    if rng.random() < 0.3:
+        return f"{rng.choice(('', 'the ', 'some '))}{word} {plural(noun)}".replace("  ", " ").strip()
+    return str(rng.choice(_FULL)).format(f"{word} {noun}".strip())

@@ -1,0 +1,202 @@
+"""Measure a policy over several tables: through tags, through true poses, and through poses that are wrong."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from gem_lite import clip, tasks
+from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation.results import Cell
+from gem_lite.policies import methods
+from gem_lite.policies import several_tables as mobile
+from gem_lite.policies.checkpoints import load_policy, read_card
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
+from gem_lite.simulation.worlds import WORLDS
+
+TASKS = ("object-sorting-seen", "object-sorting-unseen")
+IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")
+"""What names a row of these results."""
+
+
+class Condition(NamedTuple):
+    """How the robot knows where a table is.
+
+    Attributes:
+        poses: by its tag, or by the simulator's truth.
+        shift: metres by which the estimate is wrong, in a random direction.
+        turn: radians by which it is turned about the table's middle, to a random side.
+    """
+
+    poses: Literal["tags", "truth"]
+    shift: float = 0.0
+    turn: float = 0.0
+
+    def finder(self, rng: np.random.Generator) -> mobile.Finder:
+        """The robot's way of finding a table; every table's error is drawn anew."""
+        find = mobile.localise if self.poses == "tags" else mobile.by_truth
+
+        def wrong(world: MobileWorld, table: int) -> Pose2:
+            direction = rng.uniform(-math.pi, math.pi)
+            error = Pose2(
+                self.shift * math.cos(direction), self.shift * math.sin(direction), self.turn * rng.choice([-1, 1])
+            )
+            return mobile.disturbed(find, error)(world, table)
+
+        return wrong
+
+
+CURVE = (
+    *(Condition("tags", shift / 100) for shift in (1, 2, 3, 4)),
+    *(Condition("tags", 0.0, math.radians(turn)) for turn in (2, 4, 6, 8)),
+)
+"""Injected errors of the success curve."""
+
+
+class Outcome(NamedTuple):
+    """One episode: the reward under each condition, and what kept the robot from acting, if anything did."""
+
+    index: int
+    rewards: tuple[float, ...]
+    errors: tuple[str, ...]
+
+
+def run_episode(
+    world: MobileWorld, policy: mobile.gem.Policy, task_name: str, split: tasks.Split, index: int,
+    conditions: Sequence[Condition],
+) -> Outcome:  # fmt: skip
+    """Choose once, since the pictures do not depend on the robot; act under each condition from the same start."""
+    rewards, errors, choice = [], [], None
+    for number, condition in enumerate(conditions):
+        task = tasks.make(task_name, split)
+        world.begin(task, tasks.episode_seed(split, index))
+        choice = choice or mobile.choose(policy, world.observe(), task.instruction)
+        try:
+            step = mobile.act(world, choice, condition.finder(np.random.default_rng((index, number))))
+        except mobile.LocalisationError as error:
+            errors.append(str(error))
+            rewards.append(0.0)
+        else:
+            rewards.append(step.reward)
+    return Outcome(index, tuple(rewards), tuple(errors))
+
+
+def _run_chunk(job: tuple[Path, str | None, str, str, tasks.Split, list[int], list[Condition], int]) -> list[Outcome]:
+    checkpoint, clip_name, world_name, task_name, split, indices, conditions, tables = job
+    torch.set_num_threads(1)
+    policy = load_policy(checkpoint, clip.load(clip_name))
+    with MobileWorld(side_by_side(tables), style=evaluate.style_of(world_name)) as world:
+        return [run_episode(world, policy, task_name, split, index, conditions) for index in indices]
+
+
+def measure(
+    checkpoint: Path, task_name: str, episodes: int, conditions: Sequence[Condition], split: tasks.Split = "test",
+    start: int = 0, clip_name: str | None = None, tables: int = 2, processes: int | None = None,
+    world: str = "home",
+) -> list[Outcome]:  # fmt: skip
+    """Episodes ``start`` .. ``start + episodes - 1`` of a split under every condition, one process a core.
+
+    Raises:
+        ValueError: unknown task, split or world, or no episode.
+    """
+    if task_name not in TASKS:
+        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task_name!r}")
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    tasks.make(task_name, split)
+    evaluate.style_of(world)
+    load_policy(checkpoint, clip.load(clip_name))  # Errors surface here, not in a worker.
+    indices, size = range(start, start + episodes), evaluate.CHUNK
+    jobs = [
+        (checkpoint, clip_name, world, task_name, split, list(indices[i : i + size]), list(conditions), tables)
+        for i in range(0, episodes, size)
+    ]
+    found: list[Outcome] = []
+    with (
+        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(jobs))) as pool,
+        tqdm(total=episodes, desc=task_name, unit="episode") as bar,
+    ):
+        for part in pool.imap(_run_chunk, jobs):
+            found += part
+            bar.update(len(part))
+            bar.set_postfix(mean=f"{100 * np.mean([one.rewards[0] for one in found]):.1f}")
+    return found
+
+
+def rows_of(found: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:
+    """A row for each condition, with every episode's reward by its index."""
+    return [
+        facts | condition._asdict() | results.scored({one.index: one.rewards[number] for one in found})
+        for number, condition in enumerate(conditions)
+    ]
+
+
+def cell(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Cell:
+    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
+
+    Raises:
+        LookupError: there is no such row, or see `results.pool`.
+    """
+    wanted = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    wanted |= condition._asdict()
+    shown = ("tables", "world", "poses", "shift", "turn")
+    return results.pool(results.select(results.read_rows(results.results_file(task)), wanted, shown), identity=IDENTITY)
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.evaluation.evaluate_mobile --help``."""
+    parser = argparse.ArgumentParser(
+        description="Measure a policy over several tables; prints the mean with its 95 % interval and writes the rows.",
+        epilog="example: python -m gem_lite.evaluation.evaluate_mobile data/gem-object-sorting.safetensors --curve",
+    )
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), help=f"default {' '.join(TASKS)}")
+    parser.add_argument("--episodes", type=int, default=100, help="default 100")
+    parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
+    parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
+    parser.add_argument("--tables", type=int, default=2, help="default 2")
+    parser.add_argument("--curve", action="store_true", help="also with injected errors of the poses")
+    parser.add_argument("--clip", default=str(clip.DATA / "clip-sorting"), help="default: the embedded one for sorting")
+    parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
+    parser.add_argument("--world", default="home", help=f"one of {', '.join(WORLDS)} (default home)")
+    results.add_output(parser)
+    args = parser.parse_args()
+    conditions = [Condition("tags"), Condition("truth"), *(CURVE if args.curve else ())]
+    for task in args.tasks:
+        out = results.output(args, results.family(task))
+        try:
+            card = read_card(args.checkpoint)
+            facts = {
+                "method": methods.canonical(card["method"]), "task": task, "tables": args.tables, "world": args.world,
+                "split": args.split, "start": args.start, **results.facts_of(card, methods.of_card(card)[1]),
+            }  # fmt: skip
+            expected = [facts | condition._asdict() | {"episodes": args.episodes} for condition in conditions]
+            results.check_rows(expected, out, IDENTITY)  # Before hours of measuring, not after them.
+            found = measure(
+                args.checkpoint, task, args.episodes, conditions, args.split, args.start, args.clip, args.tables,
+                args.processes, args.world,
+            )  # fmt: skip
+            rows = rows_of(found, conditions, facts)
+            for row in rows:
+                print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
+            for one in found:
+                for error in one.errors:
+                    print(f"episode {one.index}: {error}")
+            results.file_rows(rows, out, IDENTITY)
+        except (OSError, ValueError) as error:
+            parser.exit(2, f"{error}\n")
+        print(f"the rows are in {out}")
+
+
+if __name__ == "__main__":
+    main()

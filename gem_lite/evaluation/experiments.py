@@ -1,0 +1,283 @@
+"""Every training and measurement behind the results of the lessons, as one list that can be run again.
+
+An experiment is one training and the tasks it is measured on. Each runs in a process of its own on one
+core, as many side by side as there are cores; what was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from gem_lite import clip, tasks
+from gem_lite.config import ABLATIONS, LITE, Config
+from gem_lite.evaluation import evaluate, pointing, results
+from gem_lite.policies import methods
+from gem_lite.policies.checkpoints import read_card
+
+FOLDER = Path("runs/experiments")
+BOWL, PYRAMID, PACKING = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"
+INSERTION, BARS = "block-insertion", "bars-in-box"
+
+
+DEMONSTRATIONS_WORLD = "varied"
+"""The world in which the comparison's demonstrations are collected."""
+
+
+@functools.cache
+def _embedded_fingerprint() -> str:
+    return clip.load().fingerprint
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A method trained on the first ``demos`` demonstrations of a task, then measured in the world "home".
+
+    Attributes:
+        method: see `methods.NAMES`, `evaluate.SCRIPTED` and `pointing.METHOD`; the latter two are not trained.
+        episodes: test episodes of the task, and as many of its unseen variant if it has one.
+        steps: of the training.
+        demonstrations_world: the world in which the demonstrations are collected.
+    """
+
+    method: str
+    task: str
+    demos: int = 10
+    seed: int = 0
+    episodes: int = 100
+    steps: int = LITE.steps
+    demonstrations_world: str = DEMONSTRATIONS_WORLD
+
+    @property
+    def scripted(self) -> bool:
+        """Whether there is nothing to train."""
+        return self.method in (*evaluate.SCRIPTED, pointing.METHOD)
+
+    @property
+    def family(self) -> str:
+        """The task's name without the set of its words."""
+        return results.family(self.task)
+
+    @property
+    def name(self) -> str:
+        """Names the experiment's files."""
+        if self.scripted:
+            return f"{self.method}-{self.family}"
+        steps = f"-{self.steps}" if self.steps != LITE.steps else ""
+        world = f"-{self.demonstrations_world}" if self.demonstrations_world != DEMONSTRATIONS_WORLD else ""
+        return f"{self.method}-{self.family}-{self.demos}-{self.seed}{steps}{world}"
+
+    @property
+    def measured_on(self) -> tuple[str, ...]:
+        """The task itself and its unseen variant."""
+        unseen = self.task.replace("-seen", "-unseen")
+        return tuple(name for name in tasks.NAMES if name in (self.task, unseen))
+
+    @property
+    def shipped(self) -> bool:
+        """Whether its policy is one of those in data: GEM's from ten demonstrations, with seed 0."""
+        return self == Experiment("gem", self.task, episodes=self.episodes)
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where its policy is kept."""
+        return clip.DATA / f"gem-{self.family}.safetensors" if self.shipped else FOLDER / f"{self.name}.safetensors"
+
+    @property
+    def config(self) -> Config | None:
+        """Its configuration; None for what does not depend on one."""
+        if self.method == "expert":
+            return None
+        if self.method == pointing.METHOD:
+            return LITE
+        settings = evaluate.settings_of(self.task, "test")
+        return settings if self.scripted else replace(methods.find(self.method, settings)[1], steps=self.steps)
+
+    def training(self) -> dict:
+        """What its rows and its checkpoint's card have to say of the training."""
+        if self.scripted:
+            fingerprint = _embedded_fingerprint() if self.method == pointing.METHOD else None
+            hashed = self.config.digest if self.config else None
+            return {"config_hash": hashed, "clip_fingerprint": fingerprint}
+        return {
+            "config_hash": self.config.digest, "clip_fingerprint": _embedded_fingerprint(), "demos": self.demos,
+            "seed": self.seed, "demonstrations_world": self.demonstrations_world,
+        }  # fmt: skip
+
+    def done(self) -> bool:
+        """Whether every row is filed: of this training, and of the checkpoint if it is there."""
+        wanted = {"method": self.method, "subset": "all", "world": "home", "split": "test", "start": 0}
+        wanted |= self.training()
+        if not self.scripted and self.checkpoint.with_suffix(".json").exists():
+            wanted["checkpoint_sha256"] = read_card(self.checkpoint)["sha256"]
+        rows = [row for row in results.read_rows(results.results_file(self.task)) if wanted.items() <= row.items()]
+        return {row["task"] for row in rows if row["episodes"] >= self.episodes} >= set(self.measured_on)
+
+    def check_checkpoint(self) -> None:
+        """Raises RuntimeError if the checkpoint that is there comes from another training."""
+        card = read_card(self.checkpoint)
+        facts = {"method": card["method"]} | results.facts_of(card, methods.of_card(card)[1])
+        wanted = {"method": self.method} | self.training()
+        differ = [f"{key}: {facts[key]} there, {value} wanted" for key, value in wanted.items() if facts[key] != value]
+        if differ:
+            raise RuntimeError(
+                f"{self.checkpoint} comes from another training than {self.name} ({'; '.join(differ)}): "
+                "move it away, so that it is trained anew"
+            )
+
+    def commands(self) -> list[list[str]]:
+        """What has to run, one after the other: arguments of ``python -m``.
+
+        Raises:
+            RuntimeError: its checkpoint comes from another training.
+        """
+        out = ["--out", str(self.rows)]
+        count = str(self.episodes)
+        if self.method == pointing.METHOD:
+            return [
+                ["gem_lite.evaluation.pointing", "--task", task, "--scenes", count, *out] for task in self.measured_on
+            ]
+        needed = []
+        measure = ["--episodes", count, "--processes", "1", *out]
+        if not self.scripted:
+            measure = ["--checkpoint", str(self.checkpoint), *measure]
+            if self.checkpoint.exists():
+                self.check_checkpoint()
+            else:
+                folder = demonstrations_of(self.task, self.demonstrations_world)
+                needed.append(
+                    ["gem_lite.learning.train", str(folder), str(self.checkpoint), "--method", self.method,
+                     "--episodes", str(self.demos), "--seed", str(self.seed), "--steps", str(self.steps),
+                     "--run", str(FOLDER / "state" / self.name)]
+                )  # fmt: skip
+        return needed + [["gem_lite.evaluation.evaluate", self.method, task, *measure] for task in self.measured_on]
+
+    @property
+    def rows(self) -> Path:
+        """Its rows, until they are filed with all others."""
+        return FOLDER / "rows" / f"{self.name}.jsonl"
+
+
+TRUE_COLORS = tuple(f"{method}-without-recoloring" for method in ("gem", "cliport", "cliport-grounded"))
+"""Methods trained on true colours, with the paper's augmentation alone."""
+RIVALS = ("cliport", "cliport-grounded", "transporter-lan")
+ANGLE_RIVALS = ("transporter-lan", "cliport")
+"""Rivals that are measured where an angle decides."""
+SHORT = 300
+"""Steps of a training that validation episodes preferred for a single demonstration."""
+PLAN = (
+    *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
+    *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),
+    *(Experiment(method, BOWL, demos) for method in RIVALS for demos in (10, 100, 1)),
+    # Where the place angle decides: three seeds at ten demonstrations.
+    *(Experiment(method, INSERTION, seed=seed) for seed in (0, 1, 2) for method in ANGLE_RIVALS),
+    *(Experiment("gem", INSERTION, seed=seed) for seed in (1, 2)),
+    *(Experiment(method, INSERTION, 100) for method in ("gem", *ANGLE_RIVALS)),
+    Experiment("gem", INSERTION, 1),
+    *(Experiment(f"gem-{ending}", INSERTION, demos, episodes=50) for ending, demos in (
+        ("without-steerable-kernel", 10), ("with-free-kernels", 10), ("with-free-kernels", 1),
+        ("without-rotation-augmentation", 10))),
+    *(Experiment(f"gem-{ending}", BARS, episodes=50) for ending in (
+        "without-rotation-augmentation", "with-free-kernels")),
+    *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
+    *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS),
+    *(Experiment(method, BOWL) for method in TRUE_COLORS),
+    *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in TRUE_COLORS),
+    Experiment(pointing.METHOD, PACKING),
+    *(Experiment("expert-rounded", task) for task in (INSERTION, BARS, PYRAMID, PACKING)),
+    *(Experiment(method, BOWL) for method in evaluate.SCRIPTED),
+)  # fmt: skip
+"""The comparison, in the order in which it runs."""
+
+
+def demonstrations_of(task: str, world: str) -> Path:
+    """The folder of a task's demonstrations in a world; as many as the largest experiment needs."""
+    return FOLDER / "demos" / f"{task}-{world}"
+
+
+def run(experiment: Experiment) -> list[dict]:
+    """Train and measure in other processes, on one core; returns the rows.
+
+    Raises:
+        RuntimeError: its checkpoint comes from another training, or a process failed; the message names its log.
+    """
+    commands = experiment.commands()
+    log = FOLDER / "logs" / f"{experiment.name}.log"
+    for path in (log, experiment.rows):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    experiment.rows.unlink(missing_ok=True)  # Rows of an earlier run may be of another training.
+    with log.open("a") as out:
+        for command in commands:
+            ended = subprocess.run(
+                [sys.executable, "-m", *command], stdout=out, stderr=out, env={**os.environ, "OMP_NUM_THREADS": "1"}
+            )
+            if ended.returncode:
+                raise RuntimeError(f"{experiment.name} ended with code {ended.returncode}; see {log}")
+    return results.read_rows(experiment.rows)
+
+
+def collect(plan: Sequence[Experiment]) -> None:
+    """Collect the demonstrations that ``plan`` needs and that are not there."""
+    needed: dict[tuple[str, str], int] = {}
+    for experiment in plan:
+        if not experiment.scripted:
+            key = (experiment.task, experiment.demonstrations_world)
+            needed[key] = max(experiment.demos, needed.get(key, 0))
+    for (task, world), count in needed.items():
+        folder = demonstrations_of(task, world)
+        if not folder.exists() or len(list(folder.glob("*.npz"))) < count:
+            command = ["gem_lite.learning.collecting", "collect", task, str(folder), "--episodes", str(count)]
+            subprocess.run([sys.executable, "-m", *command, "--world", world], check=True)
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.evaluation.experiments --help``."""
+    parser = argparse.ArgumentParser(
+        description="Train and measure the whole comparison and file it in data/results; what is filed is left out.",
+        epilog="examples:\n  python -m gem_lite.evaluation.experiments --list"
+        "\n  python -m gem_lite.evaluation.experiments --only cliport",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--only", default="", help="only experiments whose name holds this")
+    parser.add_argument("--list", action="store_true", help="show what there is, and do nothing")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many at once (default: one a core)")
+    args = parser.parse_args()
+    plan = [experiment for experiment in PLAN if args.only in experiment.name]
+    if args.list:
+        for experiment in plan:
+            print(f"{'filed' if experiment.done() else 'to do':6s} {experiment.name}, {experiment.episodes} episodes")
+        return
+    plan = [experiment for experiment in plan if not experiment.done()]
+    failed = []
+    try:
+        collect(plan)
+    except subprocess.CalledProcessError as error:
+        parser.exit(2, f"collecting demonstrations failed: {error}\n")
+    with ThreadPoolExecutor(args.jobs) as pool, tqdm(total=len(plan), desc="experiments") as bar:
+        running = {pool.submit(run, experiment): experiment for experiment in plan}
+        for ended in as_completed(running):
+            try:
+                rows = ended.result()
+                results.file_rows(rows, results.results_file(running[ended].task))
+            except (OSError, RuntimeError, ValueError) as error:
+                failed.append(str(error))
+                bar.write(str(error))
+            else:
+                for row in rows:
+                    bar.write("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
+            bar.update()
+    if failed:
+        parser.exit(1, f"{len(failed)} experiments failed; the same command tries them again\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Every drawing, one file for each lesson or subject."""

@@ -1,0 +1,146 @@
+"""Drawings of a pick network: its stages, its training, and what its action map does when things move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from gem_lite.figures.plot_kernels import SIGNED
+from gem_lite.figures.plots import PICK_COLOR, action_map, bare, draw_gripper
+from gem_lite.policies.base import RGBD, Sample, to_picture
+from gem_lite.se2 import Pose2, Workspace
+
+DPI = 72
+"""Of pictures with many maps: smooth colours make large files."""
+
+
+def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Figure:
+    """A row of titled panels, each on a scale of its own.
+
+    Colours (H, W, 3) are shown as they are. Arrays (H, W) are red where positive and blue where negative; a
+    title that begins with "score" marks an action map, yellow where highest. NaN is grey.
+    """
+    fig, axes = plt.subplots(
+        1, len(panels), figsize=(1.5 * len(panels), 3.5), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for ax, (title, panel) in zip(axes[0], panels, strict=True):
+        if panel.ndim == 3:
+            _small_bar(bare(ax, title), ax.imshow(panel)).set_visible(False)  # keeps the row level
+            continue
+        top = np.nanmax(np.abs(panel))
+        scale = {"cmap": "viridis"} if title.startswith("score") else {"cmap": SIGNED, "vmin": -top, "vmax": top}
+        _small_bar(bare(ax, title), ax.imshow(panel, **scale))
+        ax.set_facecolor("0.7")
+    axes[0, 0].set_ylabel(label, fontsize=9)
+    return fig
+
+
+def show_samples(samples: Sequence[Sample], workspace: Workspace) -> Figure:
+    """What training reads of each sample: the picture with the pick's label, the pick's map below."""
+    fig, axes = plt.subplots(
+        2, len(samples), figsize=(1.5 * len(samples), 5.6), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for i, (column, sample) in enumerate(zip(axes.T, samples, strict=True)):
+        bare(column[0], f"sample {i}").imshow(to_picture(sample.image))
+        shown = bare(column[1]).imshow(sample.image[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
+        label = Pose2(*workspace.to_world(*sample.pick), sample.pick_yaw)
+        for ax in column:
+            draw_gripper(ax, label, workspace, PICK_COLOR)
+            ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    axes[0, 0].set_ylabel("picture and label", fontsize=9)
+    axes[1, 0].set_ylabel("map of the pick phrase", fontsize=9)
+    fig.colorbar(shown, ax=axes[1], shrink=0.8)
+    return fig
+
+
+def show_loss(losses: Sequence[float], levels: dict[str, float], window: int = 20) -> Figure:
+    """A training's loss, each step's and the mean of ``window`` steps, with named levels to compare with."""
+    fig, ax = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
+    ax.plot(losses, color="0.75", lw=0.8, label="each step")
+    means = np.convolve(losses, np.ones(window) / window, mode="valid")
+    ax.plot(np.arange(len(means)) + window - 1, means, color="C0", lw=2, label=f"mean of the last {window}")
+    for i, (name, level) in enumerate(levels.items()):
+        ax.axhline(level, color=f"C{i + 1}", ls="--", lw=1.2, label=f"{name}: {level:.2f}")
+    ax.set(xlabel="step", ylabel="cross-entropy (nats)", ylim=(0, 1.35 * max(levels.values())))
+    fig.legend(loc="outside upper center", ncols=2, fontsize=8)
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def show_yaws(truth: np.ndarray, chosen: dict[str, np.ndarray], symmetry: float) -> Figure:
+    """Chosen yaws (N,) against true ones (N,), radians, modulo ``symmetry``.
+
+    The grey line is right; on the dotted ones the choice is a quarter of ``symmetry`` off.
+    """
+    period = np.degrees(symmetry)
+    fig, ax = plt.subplots(figsize=(4.9, 4.0), layout="constrained")
+    ax.plot([0, period], [0, period], color="0.7", lw=5, zorder=0, label="right")
+    for i, (name, yaws) in enumerate(chosen.items()):
+        ax.plot(np.degrees(truth) % period, np.degrees(yaws) % period, "osD^"[i % 4], ms=5, color=f"C{i}", label=name)
+    for start, label in ((0.25, f"{period / 4:.0f}° off"), (0.75, None), (-0.25, None), (-0.75, None)):
+        ax.axline((0, start * period), slope=1, color="0.6", ls=":", zorder=0, label=label)
+    ticks = np.arange(0, period + 1, period / 4)
+    ax.set(
+        xlabel="the bar's yaw (degrees)", ylabel=f"chosen pick yaw, modulo {period:.0f}°", xticks=ticks, yticks=ticks,
+        xlim=(-4, period + 4), ylim=(-4, period + 4),
+    )  # fmt: skip
+    ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def show_choices(cases: Sequence[tuple[str, np.ndarray, np.ndarray, Pose2]], workspace: Workspace) -> Figure:
+    """Scenes (H, W, 3) with the chosen pick, above their action maps from logits (R, H, W)."""
+    fig, axes = plt.subplots(
+        2, len(cases), figsize=(1.6 * len(cases), 6.2), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for (above, below), (title, picture, logits, pose) in zip(axes.T, cases, strict=True):
+        bare(above, title).imshow(picture)
+        draw_gripper(above, pose, workspace, PICK_COLOR)
+        _small_bar(bare(below), below.imshow(action_map(logits), cmap="viridis"))
+        row, col = workspace.to_pixel(pose.x, pose.y)
+        below.plot(col, row, "o", ms=11, mfc="none", mec=PICK_COLOR, mew=1.5)
+        for ax in (above, below):
+            ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    axes[1, 0].set_ylabel("logit - best logit", fontsize=9)
+    return fig
+
+
+def show_rule(
+    cases: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, Pose2, Pose2]], workspace: Workspace
+) -> Figure:
+    """What `gem.near_peak` changes: the scene and the semantic map around two picks, the allowed cells outlined.
+
+    Args:
+        cases: title, picture (H, W, 3), map (H, W), allowed cells (H, W) bool, and the picks without and with the rule.
+    """
+    fig, axes = plt.subplots(
+        2, len(cases), figsize=(2.6 * len(cases), 6.2), squeeze=False, layout="constrained", dpi=DPI
+    )
+    for (above, below), (title, picture, semantic, allowed, without, with_rule) in zip(axes.T, cases, strict=True):
+        bare(above, title).imshow(picture)
+        _small_bar(bare(below), below.imshow(semantic, cmap="inferno", vmin=0, vmax=1))
+        below.contour(allowed, levels=[0.5], colors="white", linewidths=1.2)
+        spots = np.array([workspace.to_pixel(pose.x, pose.y) for pose in (without, with_rule)])
+        middle, reach = spots.mean(axis=0), max(16.0, np.ptp(spots, axis=0).max() / 2 + 8)
+        for ax in (above, below):
+            for (row, col), marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
+                ax.plot(col, row, marker, ms=11, mfc="none", mec="black", mew=4)
+                ax.plot(col, row, marker, ms=11, mfc="none", mec="white", mew=1.8, label=label)
+            ax.set(xlim=(middle[1] - reach, middle[1] + reach), ylim=(middle[0] + reach, middle[0] - reach))
+            ax.set_facecolor("0.7")
+    axes[0, 0].legend(fontsize=8, loc="lower left", facecolor="0.4", labelcolor="white")
+    axes[1, 0].set_ylabel("semantic map; outlined: where a pick may lie", fontsize=9)
+    return fig
+
+
+def _small_bar(ax: Axes, shown: AxesImage) -> Axes:
+    bar = ax.figure.colorbar(shown, ax=ax, location="bottom", shrink=0.85)
+    bar.ax.tick_params(labelsize=7)
+    bar.ax.locator_params(nbins=3)
+    return bar.ax

@@ -1,0 +1,399 @@
+"""Every figure's drawing. A function takes what is to be shown and returns a matplotlib Figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gem_lite.demonstrations import GripperState
+from gem_lite.policies.gem import Decision
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.se2 import Action, Pose2, Workspace, rotation_matrix
+from gem_lite.simulation.gripper import LOG_EVERY
+from gem_lite.simulation.world import RATE
+
+PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
+"""The paper's colours of the two grippers (Fig. 1), the only ones for pick and place in any figure."""
+MAP_COLORS = "inferno"
+
+
+def bare(ax: Axes, title: str = "") -> Axes:
+    """Axes without ticks, for a picture."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_title(title, fontsize=9)
+    return ax
+
+
+def draw_gripper(ax: Axes, pose: Pose2, workspace: Workspace, color: str, label: str = "") -> None:
+    """A gripper from above: a cross at its pixel, the long arm along its yaw, a dot at that arm's end."""
+    row, col = workspace.to_pixel(pose.x, pose.y)
+    for turn, length in ((0, 0.045), (np.pi / 2, 0.02)):
+        # "Right" in the picture, turned counter-clockwise by the yaw.
+        drow, dcol = rotation_matrix(pose.yaw + turn) @ np.array([0, length / workspace.pixel])
+        ax.plot([col - dcol, col + dcol], [row - drow, row + drow], color=color, lw=1.6)
+        if turn == 0:
+            ax.plot(col + dcol, row + drow, "o", color=color, ms=3.5, label=label or None)
+
+
+def show_views(views: Sequence[View]) -> Figure:
+    """The cameras' pictures above their depth."""
+    fig, axes = plt.subplots(2, len(views), figsize=(3.4 * len(views), 5.0), layout="constrained")
+    for column, view in zip(axes.T, views, strict=True):
+        bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
+        shown = bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
+    fig.colorbar(shown, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
+    return fig
+
+
+def show_heightmap(heightmap: HeightMap, action: Action | None = None, title: str = "") -> Figure:
+    """The height map's colours and heights from above, with axes in metres, and the grippers of an action."""
+    w = heightmap.workspace
+    rows, cols = w.shape
+    fig, axes = plt.subplots(1, 2, figsize=(6.4, 5.6), layout="constrained")
+    axes[0].imshow(heightmap.rgb)
+    shown = axes[1].imshow(1000 * heightmap.height, cmap="viridis")
+    fig.colorbar(shown, ax=axes[1], label="height (mm)", shrink=0.8)
+    for ax, name in zip(axes, ("colour", "height"), strict=True):
+        if action is not None:
+            draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
+            draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
+        x_ticks, y_ticks = np.arange(0.3, w.x_max, 0.2), np.arange(-0.4, w.y_max, 0.2)
+        ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
+        ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
+        ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+        ax.set_title(name, fontsize=9)
+    if action is not None:
+        fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def action_map(logits: np.ndarray) -> np.ndarray:
+    """(R, H, W) logits to (H, W): each pixel's best angle, relative to the best pixel, whose value is 0.
+
+    Logits and not probabilities, since a trained policy's probability is one bright pixel on black.
+    """
+    return logits.max(axis=0) - logits.max()
+
+
+def show_decision(decision: Decision, clip_name: str) -> Figure:
+    """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
+    w = decision.heightmap.workspace
+    fig, axes = plt.subplots(2, 5, figsize=(10.5, 8.4), layout="constrained")
+    rows = (
+        ("pick", decision.phrases.pick, decision.pick_text, decision.pick_image, decision.pick_map,
+         decision.pick_logits, decision.action.pick, PICK_COLOR),
+        ("place", decision.phrases.place, decision.place_text, decision.place_image, decision.place_map,
+         decision.place_logits, decision.action.place, PLACE_COLOR),
+    )  # fmt: skip
+    for axs, (role, phrase, text, image, blend, logits, pose, color) in zip(axes, rows, strict=True):
+        bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
+        bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
+        if image is None:
+            bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
+            axs[2].text(
+                0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
+            )
+        else:
+            bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
+        shown = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
+        scored = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
+        draw_gripper(axs[0], pose, w, color)
+        row, col = w.to_pixel(pose.x, pose.y)
+        axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
+        for ax in (axs[0], axs[4]):
+            ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
+        fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
+        fig.colorbar(scored, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
+    fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
+    return fig
+
+
+def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
+    """The logits of every angle at one pixel, above the lowest of them, on a circle turning as the table does."""
+    angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
+    values = logits[:, cell[1], cell[2]]
+    values = np.append(values, values[0]) - values.min()
+    fig, ax = plt.subplots(figsize=(3, 3), subplot_kw={"projection": "polar"}, layout="constrained")
+    ax.plot(angles, values, color=color)
+    ax.plot([angles[cell[0]]] * 2, [0, values.max()], color=color, lw=3, alpha=0.4)
+    ax.set_yticklabels([])
+    ax.set_title(title, fontsize=9)
+    return fig
+
+
+def show_story(pictures: Sequence[tuple[str, np.ndarray]], suptitle: str = "") -> Figure:
+    """A row of pictures (H, W, 3) with their titles."""
+    widths = [picture.shape[1] / picture.shape[0] for _, picture in pictures]
+    fig, axes = plt.subplots(
+        1, len(pictures), figsize=(3.2 * sum(widths) + 0.3, 3.6), width_ratios=widths, layout="constrained"
+    )
+    for ax, (title, picture) in zip(np.atleast_1d(axes), pictures, strict=True):
+        bare(ax, title).imshow(picture)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> Figure:
+    """A still picture of a coloured point cloud (N, 3), (N, 3) uint8, with a frame at each named pose."""
+    fig = plt.figure(figsize=(8, 5.6), layout="constrained")
+    ax = fig.add_subplot(projection="3d", computed_zorder=False)
+    ax.scatter(*points.T, c=rgb / 255, s=1.2, depthshade=False, rasterized=True)
+    for name, pose in frames.items():
+        origin = np.array([pose.x, pose.y, 0.12])
+        for turn, color in ((0, "red"), (np.pi / 2, "green")):
+            arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
+            ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
+        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color="blue", lw=2.5, zorder=2)
+        ax.text(pose.x, pose.y, 0.19, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
+    ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
+    ax.set_box_aspect((0.5, 1.0, 0.25))
+    ax.view_init(elev=40, azim=-30)
+    return fig
+
+
+def show_tables(tables: Sequence[tuple[str, np.ndarray]]) -> Figure:
+    """Small arrays (H, W) with every entry written into its cell."""
+    width = sum(table.shape[1] for _, table in tables)
+    fig, axes = plt.subplots(
+        1, len(tables), figsize=(0.62 * width + 1, 3.0), width_ratios=[t.shape[1] for _, t in tables],
+        layout="constrained",
+    )  # fmt: skip
+    for ax, (title, table) in zip(np.atleast_1d(axes), tables, strict=True):
+        bare(ax, title).imshow(table, cmap="Blues", vmin=table.min(), vmax=2 * table.max() - table.min())
+        for (row, col), value in np.ndenumerate(table):
+            ax.text(col, row, f"{value:.3g}", ha="center", va="center", fontsize=9)
+    return fig
+
+
+def show_patches(patches: np.ndarray, scores: np.ndarray, title: str) -> Figure:
+    """Patches (m, n, p, p, 3) in their order, each framed in the colour of its score (m, n) in [0, 1]."""
+    rows, cols = scores.shape
+    fig, axes = plt.subplots(rows, cols, figsize=(0.95 * cols + 0.9, 1.12 * rows + 0.4), layout="constrained")
+    shade = plt.get_cmap(MAP_COLORS)
+    for ax, patch, score in zip(axes.flat, patches.reshape(-1, *patches.shape[2:]), scores.flat, strict=True):
+        bare(ax, f"{score:.2f}").imshow(patch)
+        for edge in ax.spines.values():
+            edge.set(color=shade(float(np.clip(score, 0, 1))), linewidth=3)
+    scale = plt.cm.ScalarMappable(plt.Normalize(0, 1), MAP_COLORS)
+    fig.colorbar(scale, ax=axes, label="cosine (the frames)", shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top: float = 1.0) -> Figure:
+    """A row of pictures (H, W, 3) and maps (H, W); all maps share one scale from 0 to ``top``. NaN is grey."""
+    widths = [panel.shape[1] / panel.shape[0] for _, panel in panels]
+    size = (min(12.0, 3.6 * sum(widths) + 1.6), 3.9 if sum(widths) < 3.2 else 2.9)
+    fig, axes = plt.subplots(1, len(panels), figsize=size, width_ratios=widths, layout="constrained")
+    axes, shown = np.atleast_1d(axes), None
+    for ax, (title, panel) in zip(axes, panels, strict=True):
+        drawn = bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
+        ax.set_facecolor("0.7")
+        shown = drawn if panel.ndim == 2 else shown
+    if shown is not None:
+        fig.colorbar(shown, ax=axes, shrink=0.8)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def map_colors(values: np.ndarray) -> np.ndarray:
+    """Map values of any shape, 0 to 1, as RGB (..., 3) uint8 in the colours of all maps."""
+    return (255 * plt.get_cmap(MAP_COLORS)(np.clip(values, 0, 1))[..., :3]).astype(np.uint8)
+
+
+def show_pointings(cases: Sequence[tuple[str, np.ndarray, np.ndarray, tuple[float, float]]]) -> Figure:
+    """Pictures (H, W, 3) above their maps (H, W), with a cross at the cell (row, col) that the map points at."""
+    fig, axes = plt.subplots(2, len(cases), figsize=(1.9 * len(cases), 6.2), squeeze=False, layout="constrained")
+    for column, (title, picture, semantic, (row, col)) in enumerate(cases):
+        bare(axes[0, column], title).imshow(picture)
+        bare(axes[1, column], "").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        for ax in axes[:, column]:
+            ax.plot(col, row, "+", ms=16, mew=2.5, color="white")
+            ax.plot(col, row, "+", ms=14, mew=1.2, color="black")
+    return fig
+
+
+def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
+                title: str) -> Figure:  # fmt: skip
+    """Figure 2's panel (b): the views and their maps (NaN: outside the workspace), and what they fuse to from above."""
+    fig = plt.figure(figsize=(12, 4.8), layout="constrained")
+    grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
+    for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
+        bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
+        ax = bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
+        ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        ax.set_facecolor("0.7")
+    bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
+    ax = bare(fig.add_subplot(grid[:, -1]), "fused: map")
+    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
+    """Values of named groups as dots, side by side, with each group's mean as a bar."""
+    fig, ax = plt.subplots(figsize=(1.9 * len(groups) + 1, 3.4), layout="constrained")
+    for column, values in enumerate(groups.values()):
+        spread = np.linspace(-0.14, 0.14, len(values))
+        ax.plot(column + spread, values, "o", ms=4, alpha=0.6, color="C0")
+        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color="C3", lw=2.5)
+    ax.set_xticks(range(len(groups)), groups)
+    ax.set_ylabel(label)
+    ax.grid(axis="y", alpha=0.3)
+    return fig
+
+
+def show_distances(groups: dict[str, np.ndarray], limit: float) -> Figure:
+    """For each group of distances (m), the share that lies within a distance; ``limit`` is marked."""
+    fig, ax = plt.subplots(figsize=(5.4, 3.4), layout="constrained")
+    for name, values in groups.items():
+        ax.step(1000 * np.sort(values), np.arange(1, len(values) + 1) / len(values), where="post", label=name)
+    ax.axvline(1000 * limit, color="0.4", ls="--", label=f"{1000 * limit:.0f} mm")
+    ax.set(xlabel="distance to the nearest right object (mm)", ylabel="share of phrases", xlim=(0, 120), ylim=(0, 1.03))
+    ax.legend(loc="lower right")
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def show_curves(x: Sequence[float], curves: dict[str, np.ndarray], xlabel: str, ylabel: str) -> Figure:
+    """Named curves (N,) over x, from 0 upwards."""
+    fig, ax = plt.subplots(figsize=(5.4, 3.2), layout="constrained")
+    for name, values in curves.items():
+        ax.plot(x, values, "o-", label=name)
+    ax.set(xlabel=xlabel, ylabel=ylabel, ylim=(0, None))
+    ax.legend()
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def show_trace(trace: Sequence[GripperState], found: Sequence[tuple[str, Pose2]], heightmap: HeightMap) -> Figure:
+    """A gripper's way over the table and its holding signal over time, with the events that its edges mark."""
+    w, tint = heightmap.workspace, {"pick": PICK_COLOR, "place": PLACE_COLOR}
+    fig, axes = plt.subplots(1, 2, figsize=(8.6, 4.6), width_ratios=[1, 2.4], layout="constrained")
+    bare(axes[0], "over the table").imshow(heightmap.rgb)
+    rows, cols = w.to_pixel(np.array([s.x for s in trace]), np.array([s.y for s in trace]))
+    holding = np.array([s.holding for s in trace])
+    axes[0].plot(cols, rows, color="0.75", lw=1, ls="--", label="empty")
+    axes[0].plot(cols[holding], rows[holding], color="white", lw=2, label="holding")
+    for kind, pose in found:
+        draw_gripper(axes[0], pose, w, tint[kind], kind)
+    axes[0].set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
+    axes[0].legend(
+        fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=2, facecolor="0.5", labelcolor="white"
+    )
+    seconds = np.arange(len(trace)) * LOG_EVERY / RATE
+    axes[1].step(seconds, holding, where="post", color="0.3", lw=2)
+    edges = np.flatnonzero(np.diff(holding)) + 1
+    for edge, (kind, _) in zip(edges, found, strict=True):
+        axes[1].axvline(seconds[edge], color=tint[kind], lw=2, label=f"{kind} at {seconds[edge]:.1f} s")
+    axes[1].set(xlabel="seconds", yticks=[0, 1], yticklabels=["empty", "holding"], ylim=(-0.15, 1.15))
+    axes[1].set_title("what the suction tool says of itself", fontsize=9)
+    axes[1].legend(fontsize=8, loc="center right")
+    return fig
+
+
+def show_crops(crops: Sequence[tuple[str, np.ndarray]], columns: int = 10, suptitle: str = "") -> Figure:
+    """A grid of crops (S, S, 3), each under its phrase."""
+    columns = min(columns, len(crops))
+    rows = -(-len(crops) // columns)
+    fig, axes = plt.subplots(
+        rows, columns, figsize=(1.15 * columns + 0.2, 1.35 * rows + 0.3), squeeze=False, layout="constrained"
+    )
+    for ax in axes.flat:
+        ax.axis("off")
+    for ax, (phrase, crop) in zip(axes.flat, crops, strict=False):
+        ax.imshow(crop)
+        ax.set_title(phrase, fontsize=8)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_precision_recall(same: np.ndarray, other: np.ndarray, threshold: float) -> Figure:
+    """Cosines of phrases that mean the same (N,) and of others (M,): histograms, and what thresholds make of them."""
+    fig, axes = plt.subplots(1, 2, figsize=(9.4, 3.4), layout="constrained")
+    bins = np.linspace(min(same.min(), other.min()), 1, 45)
+    axes[0].hist(other, bins, color="C7", alpha=0.8, label=f"{len(other)} pairs that mean something else")
+    axes[0].hist(same, bins, color="C4", alpha=0.8, label=f"{len(same)} pairs that mean the same")
+    axes[0].set(xlabel="cosine of the two phrases", ylabel="pairs")
+    levels = np.unique(np.concatenate([same, other]))
+    recall = np.array([(same >= level).mean() for level in levels])
+    wrong = np.array([(other >= level).sum() for level in levels])
+    axes[1].step(levels, recall * len(same) / (recall * len(same) + wrong), where="pre", color="C0", label="precision")
+    axes[1].step(levels, recall, where="pre", color="C1", label="recall")
+    axes[1].set(xlabel="threshold", ylim=(0, 1.05), xlim=(1 - 5 * (1 - threshold), 1 + 0.2 * (1 - threshold)))
+    for ax in axes:
+        ax.axvline(threshold, color="k", ls="--", lw=1, label=f"calibrated: {threshold:.3f}")
+        ax.legend(fontsize=7, loc="lower left" if ax is axes[1] else "upper center")
+        ax.grid(alpha=0.3)
+    return fig
+
+
+def show_synonyms(stored: dict[str, dict[str, float]], threshold: float, title: str = "") -> Figure:
+    """Figure A8: stored phrases (yellow), queries and their cosines around them; purple counts as a synonym."""
+    fig, axes = plt.subplots(1, len(stored), figsize=(4.4 * len(stored), 4.3), layout="constrained")
+    box = {"boxstyle": "round,pad=0.35", "ec": "0.4", "lw": 0.8}
+    for ax, (phrase, queries) in zip(np.atleast_1d(axes), stored.items(), strict=True):
+        angles = np.pi / 2 + 2 * np.pi * np.arange(len(queries)) / len(queries)
+        for angle, (query, cosine) in zip(angles, queries.items(), strict=True):
+            x, y, near = np.cos(angle), np.sin(angle), cosine >= threshold
+            ax.plot([0, x], [0, y], color="#8e44ad" if near else "0.75", lw=2 if near else 1, zorder=1)
+            ax.text(x, y, query, ha="center", va="center", fontsize=9, bbox={"fc": "#d7bde2" if near else "w", **box})
+            ax.text(
+                0.58 * x, 0.58 * y, f"{cosine:.3f}", ha="center", va="center", fontsize=8,
+                bbox={"fc": "w", "ec": "none", "pad": 1},
+            )  # fmt: skip
+        ax.text(0, 0, phrase, ha="center", va="center", fontsize=10, bbox={"fc": "#f7dc6f", **box})
+        ax.set(xlim=(-1.45, 1.45), ylim=(-1.2, 1.2))
+        ax.axis("off")
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A row of `show_comparison`: a phrase, its retrieved crop with a caption, its maps (H, W) by name, and the truth.
+
+    ``target`` and ``pointed`` (one for each map) are (row, col) in the pictures' cells.
+    """
+
+    phrase: str
+    crop: np.ndarray
+    caption: str
+    picture: np.ndarray
+    maps: dict[str, np.ndarray]
+    target: tuple[float, float]
+    pointed: dict[str, tuple[float, float]]
+
+
+def show_comparison(rows: Sequence[Comparison], pixel: float, suptitle: str = "") -> Figure:
+    """Figure A1: a row a phrase, with its crop, the scene, its maps, where each points (cross), and the truth (circle).
+
+    Args:
+        pixel: side of a cell (m).
+    """
+    columns = 2 + len(rows[0].maps)
+    fig, axes = plt.subplots(
+        len(rows), columns, figsize=(2.25 * columns, 2.5 * len(rows) + 0.4), squeeze=False, layout="constrained"
+    )
+    for axs, row in zip(axes, rows, strict=True):
+        bare(axs[0], row.caption).imshow(row.crop)
+        axs[0].set_ylabel(f'"{row.phrase}"', fontsize=10)
+        bare(axs[1], "the scene").imshow(row.picture)
+        for ax, (name, semantic) in zip(axs[2:], row.maps.items(), strict=True):
+            r, c = row.pointed[name]
+            distance = 1000 * pixel * np.hypot(r - row.target[0], c - row.target[1])
+            shown = bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+            ax.plot(c, r, "x", color="#19c819", ms=8, mew=2)
+        for ax in axs[1:]:
+            ax.plot(row.target[1], row.target[0], "o", ms=13, mfc="none", mec="white", mew=1.2)
+    fig.colorbar(shown, ax=axes, shrink=0.5, aspect=40, label="0: typical cell, 1: typical match")
+    fig.suptitle(suptitle, fontsize=10)
+    return fig

@@ -1,0 +1,1 @@
+"""Collecting demonstrations, augmentation and training."""

@@ -1,0 +1,126 @@
+"""Collect demonstrations: the expert plays episodes in the simulator, and those that succeed are saved."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from tqdm import tqdm
+
+from gem_lite import demonstrations, language, tasks
+from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
+from gem_lite.simulation.world import World
+from gem_lite.simulation.worlds import WORLDS
+
+
+def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> Demonstration:
+    """Let the expert do episode ``index`` of a split."""
+    task, seed = tasks.make(task_name, split), tasks.episode_seed(split, index)
+    observation = world.reset(task, seed)
+    steps = []
+    for _ in range(task.max_steps):
+        expert = task.expert(world)
+        if expert is None:
+            break
+        instruction = task.instruction  # the step may bring the next one
+        result = world.step(expert.action)
+        # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
+        steps.append(
+            DemonstrationStep(
+                demonstrations.quantized(observation), instruction, language.parse(instruction), expert,
+                demonstrations.unpack(demonstrations.pack(result.trace)), result.reward,
+            )
+        )  # fmt: skip
+        observation = result.observation
+        if result.done:
+            break
+    return Demonstration(task_name, split, seed, tuple(steps))
+
+
+def collect(
+    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home"
+) -> DemonstrationSet:
+    """Collect ``episodes`` successful expert episodes; an episode that fails is skipped.
+
+    Each episode is saved at once. If ``folder`` holds the beginning of the same collection, its episodes are kept
+    and the rest is added; if it holds more than ``episodes``, the first of them are returned and nothing is changed.
+
+    Args:
+        start: the index in the split of the first episode to try.
+        world: how the world looks, one of `gem_lite.simulation.worlds.WORLDS`.
+
+    Raises:
+        ValueError: unknown task, split or world, ``episodes`` below 1, or ``folder`` holds another set.
+        RuntimeError: the expert failed in more than half of the episodes tried, and 20 of them.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    if world not in WORLDS:
+        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
+    tasks.make(task_name, split)
+    folder = Path(folder)
+    facts = {"task": task_name, "split": split, "world": world, "start": start}
+    files: dict[str, str] = {}
+    index = start
+    if (folder / "manifest.json").exists():
+        files, index = _begun(folder, facts)
+    label = f"{task_name} ({split})"
+    with World(style=WORLDS[world]) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
+        while len(files) < episodes:
+            demonstration = dataclasses.replace(roll_out(table, task_name, split, index), world=world)
+            index += 1
+            if sum(step.reward for step in demonstration.steps) > 0.99:
+                files |= demonstrations.write_episode(folder, len(files), demonstration)
+                demonstrations.write_manifest(folder, {**facts, "next": index}, files)
+                bar.update()
+            else:
+                bar.write(f"episode {index - 1}: the expert failed, skipped")
+                failed = index - start - len(files)
+                if failed >= 20 and failed > len(files):
+                    raise RuntimeError(f"the expert failed in {failed} of {index - start} episodes of {task_name}")
+    return demonstrations.load(folder)[:episodes]
+
+
+def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
+    """The files of a collection that was stopped, and the index of the next episode to try."""
+    manifest = demonstrations.read_manifest(folder)
+    there = {name: manifest.get(name) for name in facts}
+    if there != facts:
+        raise ValueError(f"{folder} holds another set ({there}, not {facts}): give another folder, or remove it")
+    return demonstrations.load(folder).files, manifest["next"]
+
+
+def main() -> None:
+    """Command line: see ``python -m gem_lite.learning.collecting --help``."""
+    parser = argparse.ArgumentParser(
+        description="Collect or verify expert demonstrations.",
+        epilog="example: python -m gem_lite.learning.collecting collect put-block-in-bowl-seen-colors runs/demos/bowl",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    collecting = commands.add_parser("collect", help="let the expert do episodes and save them")
+    collecting.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
+    collecting.add_argument("folder", type=Path, help="where to save them")
+    collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
+    collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
+    collecting.add_argument("--world", default="home", choices=list(WORLDS), help="how it looks (default home)")
+    verifying = commands.add_parser("verify", help="load a set and check every file's sum")
+    verifying.add_argument("folder", type=Path)
+    args = parser.parse_args()
+    try:
+        if args.command == "collect":
+            found = collect(args.task, args.episodes, args.folder, args.split, world=args.world)
+        else:
+            found = demonstrations.load(args.folder)
+        steps = sum(len(demonstration.steps) for demonstration in tqdm(found, "verifying", unit="episode"))
+    except (OSError, ValueError, RuntimeError) as error:
+        parser.exit(2, f"{error}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, f"\nstopped; the same command goes on from the episodes in {args.folder}\n")
+    print(
+        f"{args.folder}: {len(found)} episodes, {steps} steps, data hash {demonstrations.data_hash(args.folder)[:12]}"
+    )
+
+
+if __name__ == "__main__":
+    main()

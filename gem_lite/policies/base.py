@@ -1,0 +1,377 @@
+"""What every learned method shares: how it reads, acts and is trained; `PickPlacePolicy` is the interface.
+
+A method turns camera views into a `Scene` of its own, a scene and two phrases into `Inputs`, and inputs
+into logits over angles and pixels. All the rest, from the sentence to the gripper and from the
+demonstration to the loss, is the same for all of them and stands here.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol, Self
+
+import numpy as np
+import torch
+from torch import nn
+from tqdm import trange
+
+from gem_lite import language
+from gem_lite.clip import Clip
+from gem_lite.config import ABLATIONS, Config
+from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.maps.crop_memory import CropMemory
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Action, Pose2, angle_bins
+
+HEIGHT_SCALE = 0.05
+"""Metres that become 1 in a network's height channel."""
+TABLE_GRAY = 0.2
+"""About the bare table's colour, of 1; a network's colours are measured from it."""
+TABLE_LEVEL = 49
+"""The bare table's gray level, of 255, in the light in which demonstrations are collected."""
+BARE = 0.005
+"""Metres below which a cell of the height map shows the bare table."""
+RGBD = 4
+
+
+def exposure(heightmap: HeightMap) -> float:
+    """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
+
+    A brighter lamp makes table and objects brighter alike, and the table is the same in every scene. So it
+    tells how bright the lamp is, as a photographer's gray card does.
+    """
+    bare = heightmap.rgb[heightmap.height < BARE]
+    level = float(np.median(bare)) if len(bare) else TABLE_LEVEL
+    return TABLE_LEVEL / max(level, 1.0)
+
+
+def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
+    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is about 0.
+
+    Colours are those of the demonstrations' light, whatever the light of the scene: see `exposure`.
+    """
+    rgb = exposure(heightmap) * torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
+    height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
+    return torch.cat([rgb, height])
+
+
+def to_picture(rgbd: torch.Tensor) -> np.ndarray:
+    """(H, W, 3) float32 in [0, 1]: the colours of what `to_rgbd` made, recoloured or not."""
+    return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
+
+
+def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:
+    """Unrotated squares around pixels: (B, C, H, W) and (B, 2) integers to (B, C, size, size); outside is 0."""
+    half = size // 2
+    padded = nn.functional.pad(image, (half, half, half, half))
+    corners = zip(padded, pixels.tolist(), strict=True)
+    return torch.stack([picture[:, row : row + size, col : col + size] for picture, (row, col) in corners])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """What a method's networks see of one scene; all of it frozen, so that training computes it once.
+
+    Attributes:
+        image: (C, H, W): RGB-D (`to_rgbd`), then the method's own maps.
+        coarse: (D, h, w) features that cover the same table with fewer cells; D is 0 for methods without.
+        pick_words, place_words: (D,) text embeddings.
+    """
+
+    image: torch.Tensor
+    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
+    pick_words: torch.Tensor
+    place_words: torch.Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Inputs):
+    """One demonstrated step in the form that training reads.
+
+    Attributes:
+        pick, place: pixels (row, col), not rounded.
+        pick_yaw: the grasp's yaw (radians); ``delta``: place minus pick yaw.
+        pick_symmetry, place_symmetry: turns that change nothing, see `demonstrations.ExpertAction`.
+    """
+
+    pick: tuple[float, float]
+    place: tuple[float, float]
+    pick_yaw: float
+    delta: float
+    pick_symmetry: float
+    place_symmetry: float
+
+
+@dataclass(frozen=True)
+class PreparedStep:
+    """A demonstrated step with all that stays frozen.
+
+    ``with_image`` holds the image-conditioned blend (the text map itself where retrieval, which never
+    finds the step's own episode, found nothing), ``text_only`` the map without it. To a method without
+    image-conditioned maps both are the same.
+    """
+
+    with_image: Sample
+    text_only: Sample
+
+
+def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
+    """A batch: every tensor of ``several`` with a leading batch axis."""
+    names = ("image", "coarse", "pick_words", "place_words")
+    return Inputs(**{name: torch.stack([getattr(one, name) for one in several]).to(device) for name in names})
+
+
+def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
+    """A step's inputs with what the expert did."""
+    action, workspace = step.expert.action, config.workspace
+    return Sample(
+        **vars(inputs),
+        pick=workspace.to_pixel(action.pick.x, action.pick.y),
+        place=workspace.to_pixel(action.place.x, action.place.y),
+        pick_yaw=action.pick.yaw,
+        delta=action.delta,
+        pick_symmetry=step.expert.pick_symmetry,
+        place_symmetry=step.expert.place_symmetry,
+    )
+
+
+def numbered_steps(demos: Sequence[Demonstration], label: str = "scenes") -> Iterator[tuple[int, DemonstrationStep]]:
+    """Every step with the number of its episode, one episode at a time: a large set need not fit into memory.
+
+    Args:
+        label: what the progress bar says.
+
+    Raises:
+        ValueError: a step has other cameras than the steps before it.
+    """
+    expected: set[str] = set()
+    for episode in trange(len(demos), desc=label, unit="episode"):
+        for step in demos[episode].steps:
+            cameras = {view.camera.name for view in step.observation.views}
+            expected = expected or cameras
+            if cameras != expected:
+                raise ValueError(
+                    f"demonstration {episode} (seed {demos[episode].seed}) has a step with the views of "
+                    f"{', '.join(sorted(cameras))}, where the steps before it have those of "
+                    f"{', '.join(sorted(expected))}; leave it out or collect it again"
+                )
+            yield episode, step
+
+
+def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
+    """The angle bins that a label spreads over: the nearest bin of every equivalent angle.
+
+    ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
+    """
+    if symmetry == 0:
+        return list(range(count))
+    copies = round(2 * math.pi / symmetry)
+    equivalents = angle + 2 * math.pi * np.arange(copies) / copies
+    return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
+
+
+def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
+    """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
+    right = torch.stack([one[bins, row, col].mean() for one, (bins, row, col) in zip(logits, cells, strict=True)])
+    return (logits.flatten(1).logsumexp(dim=1) - right).mean()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A decision and what it was read from.
+
+    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col), the best
+    of the logits; for the pick, of those where `PickPlacePolicy.candidates` allows one.
+    """
+
+    instruction: str
+    phrases: language.Phrases
+    heightmap: HeightMap
+    pick_logits: np.ndarray
+    place_logits: np.ndarray
+    pick_cell: tuple[int, int, int]
+    place_cell: tuple[int, int, int]
+    action: Action
+
+
+class Scene(Protocol):
+    """What a method made of the camera views before it knows any phrase."""
+
+    @property
+    def heightmap(self) -> HeightMap:
+        """The table from above."""
+
+
+class PickPlacePolicy(ABC):
+    """A learned method: images and a sentence in, one pick and place out.
+
+    Attributes:
+        method: the method's name, without what its configuration switches off.
+        pick, place: its two trainable modules.
+        memory: the demonstrations' crops, for a method that retrieves them.
+
+    Raises:
+        ValueError: the configuration has an ablation that means nothing for this method.
+    """
+
+    method: ClassVar[str]
+
+    def __init__(self, config: Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0) -> None:
+        for ending in config.ablations:
+            if self.method not in ABLATIONS[ending].methods:
+                raise ValueError(f"{ending} changes nothing of {self.method}: it must not name it")
+        self.config, self.clip, self.memory = config, clip, memory
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.pick, self.place = self.build()
+
+    @property
+    def device(self) -> torch.device:
+        """Where the policy's networks are."""
+        return next(self.pick.parameters()).device
+
+    def to(self, device: str | torch.device) -> Self:
+        """Move the networks to a device; the policy acts there. Its CLIP stays where it is (`Clip.to`)."""
+        for module in self.modules.values():
+            module.to(device)
+        return self
+
+    @property
+    def name(self) -> str:
+        """The name in results and checkpoints, such as ``gem`` or ``gem-without-semantic-map``."""
+        return self.method + self.config.variant
+
+    @property
+    def recolors(self) -> bool:
+        """Whether training recolours its pictures: only where CLIP tells it the true colours beside them."""
+        return False
+
+    @property
+    def modules(self) -> dict[str, nn.Module]:
+        """What training changes; each module has its own loss and optimizer."""
+        return {"pick": self.pick, "place": self.place}
+
+    @abstractmethod
+    def build(self) -> tuple[nn.Module, nn.Module]:
+        """Fresh pick and place modules of ``config``'s sizes."""
+
+    @abstractmethod
+    def see(self, views: Sequence[View]) -> Scene:
+        """All that does not depend on the phrases."""
+
+    @abstractmethod
+    def inputs(self, scene: Scene, phrases: language.Phrases) -> Inputs:
+        """What the networks see of a scene, given the phrases."""
+
+    @abstractmethod
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        """Logits (B, R, H, W) of picking at a pixel with a yaw, of batched inputs."""
+
+    @abstractmethod
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        """Logits (B, R, H, W) of placing at a pixel, turned by an angle, what lies at the pixels ``picks`` (B, 2)."""
+
+    def read(self, instruction: str) -> language.Phrases:
+        """The two phrases that the method gets to know.
+
+        Raises:
+            ValueError: the instruction is empty or names no pick or no place.
+        """
+        phrases = language.parse(instruction)
+        return phrases if self.config.parsing else language.Phrases(instruction, instruction)
+
+    def words(self, phrases: language.Phrases) -> dict[str, torch.Tensor]:
+        """The text embeddings (D,) of `Inputs`."""
+        pick, place = self.clip.embed_texts([phrases.pick])[0].cpu(), self.clip.embed_texts([phrases.place])[0].cpu()
+        return {"pick_words": pick, "place_words": place}
+
+    def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
+        """Compute once what training does not change.
+
+        Raises:
+            ValueError: a step lacks a camera's view, or has one more than the others.
+        """
+        prepared = []
+        for _, step in numbered_steps(demos):
+            inputs = self.inputs(self.see(step.observation.views), self.read(step.instruction))
+            sample = label(step, inputs, self.config)
+            prepared.append(PreparedStep(sample, sample))
+        return prepared
+
+    def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
+        """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""
+        inputs = collate(batch, self.device)
+        count = self.config.angles
+        picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
+        places = [(right_bins(s.delta, s.place_symmetry, count), round(s.place[0]), round(s.place[1])) for s in batch]
+        pixels = torch.tensor([cell[1:] for cell in picks])
+        return {
+            "pick": cross_entropy(self.score_pick(inputs), picks),
+            "place": cross_entropy(self.score_place(inputs, pixels), places),
+        }
+
+    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
+        """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
+        return ~near_any(empty_picks, self.config)
+
+    def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Action:
+        """One pick and place.
+
+        Args:
+            empty_picks: where the tool has grasped nothing since it last held something, by its own log. The pick
+                keeps away from there (`Config.empty_radius`).
+
+        Raises:
+            ValueError: the instruction is empty or names no pick or no place.
+        """
+        return self.decide(observation, instruction, empty_picks).action
+
+    def decide(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Choice:
+        """`act`, with what the action was read from."""
+        phrases = self.read(instruction)
+        scene = self.see(observation.views)
+        return self.choose(instruction, phrases, scene.heightmap, self.inputs(scene, phrases), empty_picks)
+
+    @torch.inference_mode()
+    def choose(
+        self, instruction: str, phrases: language.Phrases, heightmap: HeightMap, inputs: Inputs,
+        empty_picks: Sequence[Pose2] = (),
+    ) -> Choice:  # fmt: skip
+        """The best pick, then the best place for it."""
+        self.pick.eval()
+        self.place.eval()
+        candidates = self.candidates(inputs, empty_picks)
+        inputs = collate([inputs], self.device)
+        pick_logits = self.score_pick(inputs)[0].cpu()
+        pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))
+        place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
+        place_cell = _argmax(place_logits)
+        workspace, angles = self.config.workspace, angle_bins(self.config.angles)
+        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
+        # Δ turns the object as it lies, so the gripper ends at its pick yaw + Δ.
+        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
+        return Choice(
+            instruction, phrases, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
+            Action(pick, place),
+        )  # fmt: skip
+
+
+def near_any(poses: Sequence[Pose2], config: Config) -> torch.Tensor:
+    """(H, W) bool: cells whose centre is nearer than ``config.empty_radius`` to one of ``poses``."""
+    workspace = config.workspace
+    rows, cols = np.indices(workspace.shape)
+    x, y = workspace.to_world(rows, cols)
+    near = np.zeros(workspace.shape, bool)
+    for pose in poses:
+        near |= np.hypot(x - pose.x, y - pose.y) < config.empty_radius
+    return torch.from_numpy(near)
+
+
+def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:
+    """(angle, row, col) of the largest logit of (R, H, W)."""
+    return tuple(int(i) for i in np.unravel_index(int(logits.argmax()), logits.shape))

@@ -1,0 +1,111 @@
+"""A trained policy as two files: safetensors with weights and crop memory, and a JSON, its card."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+
+import safetensors.torch
+import torch
+
+from gem_lite.clip import Clip
+from gem_lite.config import Config
+from gem_lite.files import read_json, write_together
+from gem_lite.maps.crop_memory import CropMemory
+from gem_lite.policies import methods
+from gem_lite.policies.base import PickPlacePolicy
+
+
+def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
+    """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
+
+    Args:
+        facts: what the JSON should hold besides configuration, CLIP, versions and date: task, seed,
+            demonstrations, data hash, seconds.
+    """
+    tensors = {
+        f"{role}.{name}": value.detach().cpu().contiguous()
+        for role, module in policy.modules.items()
+        for name, value in module.named_parameters()
+    }
+    entries = []
+    if policy.memory is not None:
+        images, entries = policy.memory.pack()
+        tensors["memory.images"] = torch.from_numpy(images)
+    content = safetensors.torch.save(tensors)
+    card = {
+        "method": policy.name,
+        "config": policy.config.as_dict(),
+        "clip": {"name": policy.clip.name, "fingerprint": policy.clip.fingerprint},
+        "memory": entries,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "versions": {"torch": torch.__version__, "python": platform.python_version()},
+        "date": datetime.now(UTC).date().isoformat(),
+        **facts,
+    }
+    write_together({path: content, path.with_suffix(".json"): json.dumps(card, indent=1).encode()})
+
+
+def read_card(path: Path) -> dict:
+    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
+    for needed in (path, path.with_suffix(".json")):
+        if not needed.exists():
+            raise FileNotFoundError(f"the checkpoint {path} is not complete: {needed} is missing")
+    card_file = path.with_suffix(".json")
+    card = read_json(card_file.read_bytes(), card_file)
+    needed_types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
+    wrong = [key for key, kind in needed_types.items() if not isinstance(card.get(key), kind)]
+    if wrong:
+        raise ValueError(f"{card_file} is no whole description of a checkpoint: see its {', '.join(wrong)}")
+    return card
+
+
+def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
+    """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
+
+    Args:
+        settings: if given, the configuration that the checkpoint must have.
+
+    Raises:
+        FileNotFoundError: no such checkpoint.
+        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP.
+    """
+    path = Path(path)
+    card = read_card(path)
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != card["sha256"]:
+        raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
+    try:
+        method, found = methods.of_card(card)
+    except ValueError as error:
+        raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
+    if settings is not None and settings != found:
+        old, new = found.as_dict(), settings.as_dict()
+        differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
+        raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
+    if card["clip"].get("fingerprint") != model.fingerprint:
+        raise ValueError(
+            f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
+            f"not with the weights of {model.name!r}"
+        )
+    try:
+        tensors = safetensors.torch.load(content)
+        memory = None
+        if card["memory"]:
+            memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
+        policy = method(found, model, memory)
+        with torch.no_grad():
+            for role, module in policy.modules.items():
+                for name, value in module.named_parameters():
+                    weight = tensors[f"{role}.{name}"]
+                    if weight.shape != value.shape or not torch.isfinite(weight).all():
+                        raise ValueError(f"{role}.{name} must be finite and of shape {tuple(value.shape)}")
+                    value.copy_(weight)
+    except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
+        raise ValueError(
+            f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
+        ) from error
+    return policy

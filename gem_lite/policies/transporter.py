@@ -1,0 +1,112 @@
+"""Transporter-Lan (A.1.5): Transporter Networks with the language at the bottleneck of every U-Net.
+
+In `lite` it is joined one level higher, too (`Config.joins`).
+
+The pick is a U-Net's own map, so it moves with the table by 16 pixels and has to learn every angle. The
+place correlates the scene's features (key) with those of the crop at the pick (query). The crop is turned
+by every angle before the query network sees it: turning the picked object by an angle bin moves the best
+place angle back by as much, exactly but for interpolation, whatever the networks are (half of Eq. 6).
+Turning the goal is something the key network has to learn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from gem_lite import language
+from gem_lite.config import Config
+from gem_lite.policies.base import RGBD, Inputs, PickPlacePolicy, crop_at, to_rgbd
+from gem_lite.policies.networks import UNet
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
+from gem_lite.se2 import angle_bins, rotate_image
+from gem_lite.steerable import correlate
+
+
+def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:
+    """Squares around pixels, of the picture turned about them: nothing is cut by turning.
+
+    Args:
+        image: (B, C, H, W); outside is 0.
+        pixels: (B, 2) integers (row, col).
+        angles: (R,) radians.
+        size: of a crop (pixels, odd).
+
+    Returns:
+        (B, R, C, size, size).
+    """
+    reach = math.ceil(size / math.sqrt(2))
+    wide = crop_at(image, pixels, 2 * reach + 1)  # holds the square at any angle
+    inside = slice(reach - size // 2, reach + size // 2 + 1)
+    return torch.stack([rotate_image(one[None], angles)[..., inside, inside] for one in wide])
+
+
+class KeyQuery(nn.Module):
+    """Transporter's place: features of the scene correlated with those of the crop at the pick, turned R times.
+
+    Args:
+        encoder, kernel: the key and the query network, (B, C, H, W) and words (B, D) to features (B, F, H, W).
+    """
+
+    def __init__(self, encoder: nn.Module, kernel: nn.Module, config: Config) -> None:
+        super().__init__()
+        self.encoder, self.kernel, self.size = encoder, kernel, config.query
+        self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
+
+    def forward(self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor) -> torch.Tensor:
+        """``image`` (B, C, H, W), ``words`` (B, D), ``picks`` (B, 2) to logits (B, R, H, W)."""
+        kernels = self.kernels(image, words, picks)
+        features = self.encoder(image, words)
+        with torch.autocast(features.device.type, enabled=False):
+            return correlate(features.float(), kernels.float())
+
+    def kernels(self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor) -> torch.Tensor:
+        """The query of every angle, (B, R, F, size, size)."""
+        crops = turned_crops(image, picks, self.angles, self.size)
+        batch, count = crops.shape[:2]
+        # The networks halve four times: one more row and column makes a multiple of 16.
+        padded = F.pad(crops.flatten(0, 1), (0, 1, 0, 1))  # (B*R, C, size+1, size+1)
+        features = self.kernel(padded, words.repeat_interleave(count, dim=0))[..., : self.size, : self.size]
+        return features.unflatten(0, (batch, count)) / self.size
+
+
+@dataclass(frozen=True)
+class TopView:
+    """What the baselines see before they know any phrase; ``coarse`` as in `Inputs`."""
+
+    heightmap: HeightMap
+    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
+
+
+class TransporterLan(PickPlacePolicy):
+    """Transporter Networks with language: nothing of CLIP but its text embeddings."""
+
+    method = "transporter-lan"
+
+    def build(self) -> tuple[nn.Module, nn.Module]:
+        """See `PickPlacePolicy`."""
+        c, words = self.config, self.clip.dim
+        key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
+        return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
+
+    def see(self, views: Sequence[View]) -> TopView:
+        """See `PickPlacePolicy`."""
+        return TopView(fuse_views(views, self.config.workspace))
+
+    def inputs(self, scene: TopView, phrases: language.Phrases) -> Inputs:
+        """See `PickPlacePolicy`."""
+        return Inputs(image=to_rgbd(scene.heightmap), coarse=scene.coarse, **self.words(phrases))
+
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        """See `PickPlacePolicy`."""
+        return self.pick(inputs.image, inputs.pick_words).float()
+
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        """See `PickPlacePolicy`."""
+        return self.place(inputs.image, inputs.place_words, picks)

@@ -1,0 +1,115 @@
+"""Boxes told apart by the symbol on their floor: recycle, gear, smiley and others."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pybullet as p
+import trimesh
+from shapely import affinity
+from shapely.geometry import Point, Polygon, box
+from shapely.ops import unary_union
+
+from gem_lite.se2 import Pose2, quaternion
+from gem_lite.simulation import shapes
+from gem_lite.simulation.shapes import Body, create_compound, create_visual
+from gem_lite.simulation.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
+
+BOX_SIDE = 0.15
+"""Length and width (m) of a symbol box between the middles of its walls."""
+BOX_RADIUS = BOX_SIDE / np.sqrt(2) + WALL
+SYMBOL_SIDE = 0.12
+WALLS, PAPER, INK = (0.20, 0.33, 0.52, 1.0), (0.92, 0.92, 0.90, 1.0), (0.06, 0.06, 0.07, 1.0)
+
+
+def _arc(start: float, end: float, inner: float, outer: float) -> Polygon:
+    """A part of a ring between two angles in degrees."""
+    angles = np.radians(np.linspace(start, end, 24))
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return Polygon(np.concatenate([outer * ray, inner * ray[::-1]]))
+
+
+def _recycle() -> Polygon:
+    head = Polygon([(0.48, 0), (1.0, 0), (0.74, 0.42)])
+    arrow = unary_union([_arc(-72, 3, 0.60, 0.88), head])
+    return unary_union([affinity.rotate(arrow, turn, origin=(0, 0)) for turn in (0, 120, 240)])
+
+
+def _gear() -> Polygon:
+    tooth = Polygon([(0.6, -0.2), (1.0, -0.13), (1.0, 0.13), (0.6, 0.2)])
+    teeth = [affinity.rotate(tooth, 45 * i, origin=(0, 0)) for i in range(8)]
+    return unary_union([Point(0, 0).buffer(0.74), *teeth]).difference(Point(0, 0).buffer(0.32))
+
+
+def _smiley() -> Polygon:
+    eyes = [affinity.scale(Point(x, 0.3).buffer(0.15), 0.85, 1.25) for x in (-0.34, 0.34)]
+    return Point(0, 0).buffer(0.97).difference(unary_union([*eyes, _arc(200, 340, 0.48, 0.70)]))
+
+
+def _moon() -> Polygon:
+    return Point(-0.1, 0).buffer(0.9).difference(Point(0.35, 0.12).buffer(0.75))
+
+
+def _arrow() -> Polygon:
+    return unary_union([box(-0.95, -0.17, 0.3, 0.17), Polygon([(0.25, -0.55), (0.25, 0.55), (0.95, 0)])])
+
+
+def _house() -> Polygon:
+    roof = Polygon([(-0.95, 0.1), (0.95, 0.1), (0, 0.95)])
+    return unary_union([box(-0.7, -0.85, 0.7, 0.15), roof]).difference(box(-0.18, -0.85, 0.18, -0.25))
+
+
+_DRAWN = {"recycle": _recycle, "gear": _gear, "smiley": _smiley, "moon": _moon, "arrow": _arrow, "house": _house}
+SYMBOLS = (*_DRAWN, "heart", "star")
+"""All symbols."""
+
+
+@cache
+def symbol_outline(symbol: str) -> Polygon:
+    """A symbol (metres, centred), upright along +y, at most `SYMBOL_SIDE` wide and tall.
+
+    Raises:
+        ValueError: no such symbol.
+    """
+    if symbol not in SYMBOLS:
+        raise ValueError(f"symbol must be one of {', '.join(SYMBOLS)}, got {symbol!r}")
+    drawn = _DRAWN[symbol]() if symbol in _DRAWN else shapes.outline(symbol)
+    x0, y0, x1, y1 = drawn.bounds
+    factor = SYMBOL_SIDE / max(x1 - x0, y1 - y0)
+    centred = affinity.translate(drawn, -(x0 + x1) / 2, -(y0 + y1) / 2)
+    return affinity.scale(centred, factor, factor, origin=(0, 0))
+
+
+@cache
+def _sheets(symbol: str) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
+    """The paper with the symbol cut out of it, and the symbol: side by side, no face hides another."""
+    ink, half = symbol_outline(symbol), BOX_SIDE / 2 - WALL
+    paper = box(-half, -half, half, half).difference(ink)
+    sheets = []
+    for area in (paper, ink):
+        pieces = area.geoms if hasattr(area, "geoms") else [area]
+        sheets.append(trimesh.util.concatenate([trimesh.creation.extrude_polygon(piece, 2 * WALL) for piece in pieces]))
+    return tuple(sheets)
+
+
+def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
+    """A fixed box, open on top, with a black symbol on its white floor; all boxes are alike but for that.
+
+    Raises:
+        ValueError: no such symbol.
+    """
+    boxes, lower = container_boxes((BOX_SIDE, BOX_SIDE)), CONTAINER_HEIGHT / 2
+    bounds = np.array(boxes, float)  # (N, 2, 3)
+    collision = p.createCollisionShapeArray(
+        [p.GEOM_BOX] * len(boxes),
+        halfExtents=((bounds[:, 1] - bounds[:, 0]) / 2).tolist(),
+        collisionFramePositions=(bounds.mean(axis=1) - [0, 0, lower]).tolist(),
+        physicsClientId=client,
+    )
+    walls = trimesh.util.concatenate([trimesh.creation.box(bounds=one) for one in bounds])
+    colored = zip((walls, *_sheets(symbol)), (WALLS, PAPER, INK), strict=True)
+    visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
+    body = create_compound(client, collision, visuals, ((pose.x, pose.y, lower), quaternion(pose.yaw)), 0.0)
+    p.changeDynamics(body, -1, lateralFriction=FRICTION, physicsClientId=client)
+    return Body(body, lower, movable=False)

@@ -1,0 +1,56 @@
+"""AprilTags (36h11) as bodies, and what a camera needs to know of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import trimesh
+from shapely.geometry import Polygon, box
+from shapely.ops import unary_union
+
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.shapes import create_body, create_visual
+
+DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+COUNT = 587
+CELLS = 8
+"""Cells along a tag's side, its black border included."""
+TAG_SIDE = 0.14
+"""Length (m) of a tag's black square; a white margin of one cell surrounds it."""
+PLATE = TAG_SIDE * (CELLS + 2) / CELLS
+WHITE, BLACK = (0.95, 0.95, 0.95, 1.0), (0.05, 0.05, 0.05, 1.0)
+
+CORNERS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * TAG_SIDE / 2
+"""(4, 3) metres in a tag's frame, in OpenCV's order: the picture's upper left, then clockwise.
+
+The frame is that of a height map: x to the picture's right, y to its top, z towards the viewer."""
+
+
+@cache
+def _meshes(number: int) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
+    """The white and the black part of a tag's plate, 1 mm thick: side by side, since textures are not smoothed."""
+    bitmap, cell = cv2.aruco.generateImageMarker(DICTIONARY, number, CELLS), TAG_SIDE / CELLS
+    rows, cols = np.nonzero(bitmap == 0)
+    x, y = -TAG_SIDE / 2 + cols * cell, TAG_SIDE / 2 - rows * cell
+    black = unary_union([box(left, top - cell, left + cell, top) for left, top in zip(x, y, strict=True)])
+    white = box(-PLATE / 2, -PLATE / 2, PLATE / 2, PLATE / 2).difference(black)
+    return _slab(white), _slab(black)
+
+
+def _slab(area: Polygon) -> trimesh.Trimesh:
+    pieces = getattr(area, "geoms", [area])
+    return trimesh.util.concatenate([trimesh.creation.extrude_polygon(piece, 0.001) for piece in pieces])
+
+
+def add_tag(client: int, number: int, pose: Pose2) -> None:
+    """Lay a tag flat at a height of 0, its face up.
+
+    Raises:
+        ValueError: no tag has that number.
+    """
+    if not 0 <= number < COUNT:
+        raise ValueError(f"number must be in [0, {COUNT}), got {number}")
+    for mesh, color in zip(_meshes(number), (WHITE, BLACK), strict=True):
+        create_body(client, -1, create_visual(client, mesh, color, 0.001), pose, 0.0, 0.0, False)

@@ -1,0 +1,86 @@
+"""Fixed bodies that hold others, made of boxes: a container, and a fixture for the L-block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pybullet as p
+import trimesh
+
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.shapes import Body, create_body, create_visual
+
+if TYPE_CHECKING:
+    from gem_lite.simulation.world import World
+
+WALL = 0.002
+"""Thickness (m) of walls and floors, as in CLIPort."""
+FRICTION = 0.3
+"""Lateral friction of trays, as in CLIPort: what lands on an edge slides off it."""
+CONTAINER_HEIGHT = 0.05
+FIXTURE_HEIGHT = 0.02
+FIXTURE_CLEARANCE = 0.007
+"""Gap (m) all round an L-block in its fixture: an L that is put 10 mm or 15 degrees off hardly ever goes in."""
+FIXTURE_RADIUS = 0.086
+"""A fixture lies within a circle of this radius (m) about its origin."""
+
+Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""The lowest and the highest corner of a box (m)."""
+
+
+def add_container(
+    client: int, size: tuple[float, float], color: tuple[float, ...], pose: Pose2, height: float = CONTAINER_HEIGHT
+) -> Body:  # fmt: skip
+    """A fixed box, open on top; ``size`` (x, y metres) is measured between the middles of its walls."""
+    return _add_boxes(client, container_boxes(size, height), color, pose)
+
+
+def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Bounds]:
+    """The floor and the four walls of `add_container`."""
+    x, y, t, h = size[0] / 2, size[1] / 2, WALL / 2, height
+    boxes = [((-x, -y, 0), (x, y, WALL))]
+    boxes += [((s * x - t, -y - t, 0), (s * x + t, y + t, h)) for s in (-1, 1)]
+    return boxes + [((-x - t, s * y - t, 0), (x + t, s * y + t, h)) for s in (-1, 1)]
+
+
+def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
+    """A fixed tray round the L-block of `shapes.l_block_mesh`: the block's pose in it is the fixture's own."""
+    low, middle, high = -0.05 - FIXTURE_CLEARANCE, -0.01 + FIXTURE_CLEARANCE, 0.05 + FIXTURE_CLEARANCE
+    t, h = WALL, FIXTURE_HEIGHT
+    floor = [((low, low, 0), (high, middle, t)), ((low, middle, 0), (middle, high, t))]
+    walls = [
+        ((low - t, low - t), (high + t, low)),  # below the lying arm
+        ((high, low), (high + t, middle + t)),  # at its end
+        ((middle, middle), (high, middle + t)),  # above it, in the notch
+        ((middle, middle + t), (middle + t, high + t)),  # right of the upright arm, in the notch
+        ((low - t, high), (middle, high + t)),  # at its end
+        ((low - t, low), (low, high)),  # left of it
+    ]
+    return _add_boxes(client, floor + [((*a, 0), (*b, h)) for a, b in walls], color, pose)
+
+
+def in_container(
+    world: World, container: Body, size: tuple[float, float], body: Body, height: float = CONTAINER_HEIGHT
+) -> bool:  # fmt: skip
+    """Whether a body's centre is inside a container of `add_container`: between its walls and below their rim."""
+    pose, z = world.pose(body)
+    off = world.pose(container)[0].inverse() @ pose
+    return abs(off.x) < size[0] / 2 and abs(off.y) < size[1] / 2 and z < height
+
+
+def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:
+    bounds = np.array(boxes, float)  # (N, 2, 3)
+    lower = bounds[..., 2].max() / 2
+    half = (bounds[:, 1] - bounds[:, 0]) / 2
+    centres = bounds.mean(axis=1) - [0, 0, lower]
+    collision = p.createCollisionShapeArray(
+        [p.GEOM_BOX] * len(boxes),
+        halfExtents=half.tolist(),
+        collisionFramePositions=centres.tolist(),
+        physicsClientId=client,
+    )
+    mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in bounds])
+    visual = create_visual(client, mesh, color, lower)
+    return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)

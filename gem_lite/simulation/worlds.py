@@ -1,0 +1,72 @@
+"""Worlds by name: what may differ between scenes of the same task, such as light, floor, containers and spacing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gem_lite import colors
+from gem_lite.simulation.rendering import LIGHT, Light
+from gem_lite.simulation.shapes import BOWL, BowlProfile
+
+RGBA = tuple[float, float, float, float]
+FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
+TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
+
+
+@dataclass(frozen=True)
+class WorldStyle:
+    """How the scenes of a world look and lie. The defaults are the world that the tasks were written for.
+
+    Attributes:
+        name: how results call the world.
+        floor: colour of the floor round the table.
+        light: the lamp.
+        bowls: profiles of bowls; each bowl gets one of them at random.
+        box_heights: a brown box's walls are as high as one of these (m), at random.
+        plates: (width, height) of the plates of a pyramid's base (m); each base gets one of them at random.
+        touching: the share of bodies that are put against another body, where it has room.
+        at_edge: the share of bodies that are put against the table's edge.
+    """
+
+    name: str = "home"
+    floor: RGBA = FLOOR_COLOR
+    light: Light = LIGHT
+    bowls: tuple[BowlProfile, ...] = (BOWL,)
+    box_heights: tuple[float, ...] = (0.05,)
+    plates: tuple[tuple[float, float], ...] = ((0.05, 0.005),)
+    touching: float = 0.0
+    at_edge: float = 0.0
+
+
+TRAINING_BOWLS = (
+    BOWL,
+    BowlProfile(rim=0.056, base=0.052, height=0.03, floor=0.005),
+    BowlProfile(rim=0.062, base=0.04, height=0.028, wall=0.004, floor=0.006),
+    BowlProfile(rim=0.055, base=0.042, height=0.045, wall=0.008, floor=0.008),
+)
+"""Profiles of demonstrations in the worlds "varied" and "crowded"; `OTHER_BOWLS` are none of them."""
+OTHER_BOWLS = (
+    BowlProfile(rim=0.06, base=0.036, height=0.04, wall=0.005, floor=0.008, bend=0.5),
+    BowlProfile(rim=0.054, base=0.054, height=0.036, wall=0.003, floor=0.003),
+    BowlProfile(rim=0.064, base=0.05, height=0.022, wall=0.005, floor=0.004),
+)
+
+HOME = WorldStyle()
+VARIED = WorldStyle(
+    "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
+    plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
+)  # fmt: skip
+WORLDS = {
+    style.name: style
+    for style in (
+        HOME,
+        VARIED,
+        replace(VARIED, name="crowded", touching=0.5),
+        WorldStyle("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
+        WorldStyle("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
+        WorldStyle("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
+        WorldStyle("touching", touching=0.6),
+        WorldStyle("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
+    )
+}  # fmt: skip
+"""Every world by its name. Demonstrations come from "home", "varied" or "crowded"; the others only test."""
