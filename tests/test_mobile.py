@@ -9,13 +9,14 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.config import LITE
-from gem_lite.policies import several_tables as mobile
+from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.transporter import TransporterLan
+from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation import shapes, tags
+from gem_lite.simulation import driving, shapes, tag_plates
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World
 from gem_lite.simulation.worlds import WORLDS
@@ -68,7 +69,7 @@ def observations():
 
 def choice(pick_table, pick, place_table, place):
     none = np.zeros(0)
-    return mobile.MobileChoice("", None, (), None, none, none, pick_table, pick, place_table, place)
+    return several_tables.MobileChoice("", None, (), None, none, none, pick_table, pick, place_table, place)
 
 
 def inside(world, block, table):
@@ -111,19 +112,19 @@ def test_kernels_of_another_count_are_refused():
 
 def test_split_undoes_stitch():
     maps = torch.randn(4, 6, 10, 8, generator=torch.Generator().manual_seed(0))
-    panorama = mobile.stitch(maps)
+    panorama = several_tables.stitch(maps)
     assert panorama.shape == (6, 10, 32)
     for number in range(0, panorama.numel(), 97):
         cell = np.unravel_index(number, panorama.shape)
-        table, (angle, row, col) = mobile.split(cell, 8)
+        table, (angle, row, col) = several_tables.split(cell, 8)
         assert maps[table, angle, row, col] == panorama[cell]
-    table, cell = mobile.split(np.unravel_index(int(panorama.argmax()), panorama.shape), 8)
+    table, cell = several_tables.split(np.unravel_index(int(panorama.argmax()), panorama.shape), 8)
     assert maps[(table, *cell)] == maps.max()
 
 
 def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    together = mobile.choose(policy, observations, sentence)
+    together = several_tables.choose(policy, observations, sentence)
     assert together.pick_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
     for table, observation in enumerate(observations):
         alone = policy.decide(observation, sentence)
@@ -136,22 +137,22 @@ def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
 
 def test_a_neighbour_changes_nothing(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    one = mobile.choose(policy, observations[:2], sentence)
-    other = mobile.choose(policy, [observations[0], observations[2]], sentence)
+    one = several_tables.choose(policy, observations[:2], sentence)
+    other = several_tables.choose(policy, [observations[0], observations[2]], sentence)
     assert np.abs(one.pick_logits[0] - other.pick_logits[0]).max() < 1e-6
     assert np.abs(one.pick_logits[1] - other.pick_logits[1]).max() > 1e-3
 
 
 def test_the_order_of_tables_does_not_matter(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    one, other = (mobile.choose(policy, seen, sentence) for seen in (observations, observations[::-1]))
+    one, other = (several_tables.choose(policy, seen, sentence) for seen in (observations, observations[::-1]))
     assert (one.pick_table, one.place_table) == (2 - other.pick_table, 2 - other.place_table)
     assert (one.pick, one.place) == (other.pick, other.place)
 
 
 def test_no_table_is_refused(policy):
     with pytest.raises(ValueError, match="observations is empty"):
-        mobile.choose(policy, [], "pick the mug and place into the gear box")
+        several_tables.choose(policy, [], "pick the mug and place into the gear box")
     with pytest.raises(ValueError, match="tables is empty"):
         MobileWorld(())
 
@@ -165,21 +166,21 @@ def test_a_first_table_elsewhere_is_refused():
 def test_a_method_that_makes_no_kernel_is_refused_by_name(method, policy, observations):
     rival = method(MOBILE, policy.clip)
     with pytest.raises(ValueError, match=rf"must be a gem policy .*, got {rival.name}"):
-        mobile.choose(rival, observations, "pick the mug and place into the recycle box")
+        several_tables.choose(rival, observations, "pick the mug and place into the recycle box")
 
 
 @pytest.mark.parametrize("ending", ["with-free-kernels", "without-steerable-kernel", "without-semantic-map"])
 def test_ablations_choose_over_several_tables(ending, policy, observations):
     ablation = Policy(MOBILE.ablated(ending), policy.clip)
-    choice = mobile.choose(ablation, observations, "pick the mug and place into the recycle box")
+    choice = several_tables.choose(ablation, observations, "pick the mug and place into the recycle box")
     assert choice.pick_logits.shape == choice.place_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_policy_on_a_gpu_chooses_there(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    here = mobile.choose(policy, observations, sentence)
-    there = mobile.choose(Policy(MOBILE, policy.clip, seed=0).to("cuda"), observations, sentence)
+    here = several_tables.choose(policy, observations, sentence)
+    there = several_tables.choose(Policy(MOBILE, policy.clip, seed=0).to("cuda"), observations, sentence)
     assert there.inputs.image.device.type == "cpu"
     assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
 
@@ -205,7 +206,7 @@ def test_picked_here_placed_there_through_the_estimate(world):
     start, delta = inside(world, block, 0), 0.9
     pick = replace(Blocks.grasp, yaw=0.0)
     place = Pose2(0.6, -0.2, pick.yaw + delta)
-    step = mobile.act(world, choice(0, pick, 1, place))
+    step = driving.act(world, choice(0, pick, 1, place))
     moved = inside(world, block, 1)
     turned = Pose2(place.x, place.y, delta) @ Pose2(start.x - pick.x, start.y - pick.y, start.yaw)
     assert step.grasped and len(step.trace) > 20
@@ -220,11 +221,11 @@ def test_an_error_of_the_estimate_moves_the_act(world):
         block, start = world.task.blocks[0], inside(world, world.task.blocks[0], 0)
 
         def find(world, table):
-            shifted = mobile.disturbed(mobile.by_truth, Pose2(0.0, 0.015))
-            return (shifted if table in wrong_tables else mobile.by_truth)(world, table)
+            shifted = driving.disturbed(driving.by_truth, Pose2(0.0, 0.015))
+            return (shifted if table in wrong_tables else driving.by_truth)(world, table)
 
         place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
-        mobile.act(world, choice(0, Blocks.grasp, place_table, place), find)
+        driving.act(world, choice(0, Blocks.grasp, place_table, place), find)
         return inside(world, block, place_table).y - (start.y + place.y - Blocks.grasp.y)
 
     assert moved(1, ()) == pytest.approx(0, abs=0.004)
@@ -237,7 +238,7 @@ def test_an_error_of_the_estimate_moves_the_act(world):
 def test_outside_a_table_is_refused_before_anything_moves(world):
     world.reset(Blocks(), 0)
     with pytest.raises(ValueError, match=r"choice\.place"):
-        mobile.act(world, choice(0, Pose2(0.5, 0.0), 1, Pose2(0.5, 0.6)))
+        driving.act(world, choice(0, Pose2(0.5, 0.0), 1, Pose2(0.5, 0.6)))
     assert not world.gripper.trace
 
 
@@ -249,7 +250,7 @@ def errors(world, looks):
     w, away, turned = world.workspace, [], []
     grid = [(x, y) for x in np.linspace(w.x_min, w.x_max, 4) for y in np.linspace(w.y_min, w.y_max, 7)]
     for number in range(looks):
-        estimate, true = mobile.localise(world, number % 2), world.true_table(number % 2)
+        estimate, true = driving.localise(world, number % 2), world.true_table(number % 2)
         for x, y in grid:
             one, other = estimate @ Pose2(x, y), true @ Pose2(x, y)
             away.append(math.hypot(one.x - other.x, one.y - other.y))
@@ -284,8 +285,8 @@ def test_a_wrong_tag_is_named_and_nothing_is_done(world):
     block, world.tags = world.task.blocks[0], (7, 1)
     try:
         before = world.pose(block)
-        with pytest.raises(mobile.LocalisationError, match="tag 7 is not in the picture, only tag 0"):
-            mobile.act(world, choice(0, Pose2(0.42, 0.21), 1, Pose2(0.5, 0.0)))
+        with pytest.raises(tags.LocalisationError, match="tag 7 is not in the picture, only tag 0"):
+            driving.act(world, choice(0, Pose2(0.42, 0.21), 1, Pose2(0.5, 0.0)))
         assert world.gripper.held is None
         after = world.pose(block)
         assert math.hypot(after[0].x - before[0].x, after[0].y - before[0].y) < 1e-4
@@ -297,9 +298,9 @@ def test_a_half_hidden_tag_does_not_count(world):
     world.reset(Blocks(), 4)
     at = world.tables[0] @ world.tag @ Pose2(0.0, 0.05)
     shapes.add_box(world.client, (0.16, 0.06, 0.01), (0.3, 0.3, 0.3, 1), at, movable=False)
-    with pytest.raises(mobile.LocalisationError, match=r"table 0 cannot be localised.*15 cm aside.*no tag at all"):
-        mobile.localise(world, 0)
-    assert mobile.localise(world, 1)
+    with pytest.raises(tags.LocalisationError, match=r"table 0 cannot be localised.*15 cm aside.*no tag at all"):
+        driving.localise(world, 0)
+    assert driving.localise(world, 1)
 
 
 def test_a_second_look_from_elsewhere(world, monkeypatch):
@@ -314,7 +315,7 @@ def test_a_second_look_from_elsewhere(world, monkeypatch):
         return view
 
     monkeypatch.setattr(world, "look", first_blind)
-    estimate = mobile.localise(world, 0)
+    estimate = driving.localise(world, 0)
     assert blind and abs((world.tables[0].inverse() @ world.base).y) > 0.08
     assert math.hypot(estimate.x - world.true_table(0).x, estimate.y - world.true_table(0).y) < 0.005
 
@@ -331,7 +332,7 @@ def test_the_base_stops_where_its_odometry_lets_it():
 
 def test_tags_have_numbers(world):
     with pytest.raises(ValueError, match="number must be in"):
-        tags.add_tag(world.client, 587, Pose2(0, 0))
+        tag_plates.add_tag(world.client, 587, Pose2(0, 0))
 
 
 # Tasks over two tables
@@ -359,7 +360,7 @@ def test_a_task_of_one_table_lies_on_the_first_and_goes_on_to_its_end(two_tables
     while len(rewards) < task.max_steps:
         sentences.append(task.instruction)
         action = task.expert(two_tables).action
-        step = mobile.act(two_tables, choice(0, action.pick, 0, action.place), mobile.by_truth)
+        step = driving.act(two_tables, choice(0, action.pick, 0, action.place), driving.by_truth)
         rewards.append(step.reward)
         if step.done:
             break
@@ -371,11 +372,11 @@ def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy)
     task = tasks.make("stack-block-pyramid-seq-seen-colors", "val")
     on_this_table = Policy(LITE.on_table(task.workspace.length), policy.clip, seed=0)
     seen = two_tables.reset(task, tasks.episode_seed("val", 0))
-    first = mobile.choose(on_this_table, seen, task.instruction)
+    first = several_tables.choose(on_this_table, seen, task.instruction)
     assert np.ptp(first.pick_logits[0]) > 3 * np.ptp(first.pick_logits[1])  # the second table is bare
     action = task.expert(two_tables).action
-    mobile.act(two_tables, choice(0, action.pick, 0, action.place), mobile.by_truth)
-    second = mobile.choose(on_this_table, two_tables.observe(), task.instruction)
+    driving.act(two_tables, choice(0, action.pick, 0, action.place), driving.by_truth)
+    second = several_tables.choose(on_this_table, two_tables.observe(), task.instruction)
     assert first.phrases.pick != second.phrases.pick
 
 
@@ -395,7 +396,7 @@ def test_the_expert_sorts_over_two_tables(world, name):
                 if world.workspace.contains(there.x, there.y):
                     poses += [number, there]
         tables |= {poses[0], poses[2]}
-        assert mobile.act(world, choice(*poses)).reward == 1
+        assert driving.act(world, choice(*poses)).reward == 1
     assert tables == {0, 1}
 
 

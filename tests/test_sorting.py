@@ -17,12 +17,13 @@ from gem_lite.evaluation import evaluate_mobile, results
 from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures import plot_mobile
-from gem_lite.policies import several_tables as mobile
+from gem_lite.policies import several_tables
 from gem_lite.policies.base import RGBD
 from gem_lite.policies.gem import Policy, near_peak
+from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import looking
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import symbols
+from gem_lite.simulation import driving, symbols
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 
 MOBILE = LITE.on_table(1.06)
@@ -112,13 +113,13 @@ def test_what_cannot_stand_has_fallen_before_anyone_looks(world, index):
 
 def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, monkeypatch):
     chosen = []
-    choose = mobile.choose
+    choose = several_tables.choose
 
     def counted(*args):
         chosen.append(choose(*args))
         return chosen[-1]
 
-    monkeypatch.setattr(mobile, "choose", counted)
+    monkeypatch.setattr(several_tables, "choose", counted)
     conditions = [Condition("tags"), Condition("truth"), Condition("truth", 0.3)]
     found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, conditions)
     assert len(chosen) == 1 and len(found.rewards) == 3 and found.index == 0
@@ -127,9 +128,9 @@ def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, m
 
 def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
     def lost(world, table):
-        raise mobile.LocalisationError("nowhere")
+        raise tags.LocalisationError("nowhere")
 
-    monkeypatch.setattr(mobile, "localise", lost)
+    monkeypatch.setattr(driving, "localise", lost)
     found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, [Condition("tags")])
     assert found.rewards == (0.0,) and found.errors == ("nowhere",)
 
@@ -193,7 +194,7 @@ def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
 
 def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     task = tasks.make("object-sorting-seen", "val")
-    choice = mobile.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    choice = several_tables.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     semantic = choice.inputs.image[:, RGBD]
     near = near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
     row, col = (round(i) for i in MOBILE.workspace.to_pixel(choice.pick.x, choice.pick.y))
@@ -206,7 +207,7 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
 def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
     free = Policy(dataclasses.replace(MOBILE, peak_margin=None), clip.load(), seed=0)
     task = tasks.make("object-sorting-seen", "val")
-    choice = mobile.choose(free, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    choice = several_tables.choose(free, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     fig = plot_mobile.show_stitched(choice, "some CLIP")
     shown = [ax for ax in fig.axes if ax.get_title()]
     assert len(shown) == 5 and all(ax.images[0].get_array().shape[:2] == (160, 160) for ax in shown)
@@ -222,7 +223,7 @@ def test_localisation_and_curves_are_drawn(world):
     world.drive(0)
     view = world.look()
     away = np.ones(MOBILE.workspace.shape)
-    fig = plot_mobile.show_localisation(view, mobile.find_tags(view)[0], away, MOBILE.workspace)
+    fig = plot_mobile.show_localisation(view, tags.find_tags(view)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert world.photograph().shape == (480, 640, 3)
     cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}

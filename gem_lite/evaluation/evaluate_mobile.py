@@ -17,10 +17,11 @@ from tqdm import tqdm
 from gem_lite import clip, tasks
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.results import Cell
-from gem_lite.policies import methods
-from gem_lite.policies import several_tables as mobile
+from gem_lite.policies import gem, methods, several_tables
 from gem_lite.policies.checkpoints import load_policy, read_card
+from gem_lite.rgbd import tags
 from gem_lite.se2 import Pose2
+from gem_lite.simulation import driving
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.worlds import WORLDS
 
@@ -42,16 +43,16 @@ class Condition(NamedTuple):
     shift: float = 0.0
     turn: float = 0.0
 
-    def finder(self, rng: np.random.Generator) -> mobile.Finder:
+    def finder(self, rng: np.random.Generator) -> driving.Finder:
         """The robot's way of finding a table; every table's error is drawn anew."""
-        find = mobile.localise if self.poses == "tags" else mobile.by_truth
+        find = driving.localise if self.poses == "tags" else driving.by_truth
 
         def wrong(world: MobileWorld, table: int) -> Pose2:
             direction = rng.uniform(-math.pi, math.pi)
             error = Pose2(
                 self.shift * math.cos(direction), self.shift * math.sin(direction), self.turn * rng.choice([-1, 1])
             )
-            return mobile.disturbed(find, error)(world, table)
+            return driving.disturbed(find, error)(world, table)
 
         return wrong
 
@@ -72,7 +73,7 @@ class Outcome(NamedTuple):
 
 
 def run_episode(
-    world: MobileWorld, policy: mobile.gem.Policy, task_name: str, split: tasks.Split, index: int,
+    world: MobileWorld, policy: gem.Policy, task_name: str, split: tasks.Split, index: int,
     conditions: Sequence[Condition],
 ) -> Outcome:  # fmt: skip
     """Choose once, since the pictures do not depend on the robot; act under each condition from the same start."""
@@ -80,10 +81,10 @@ def run_episode(
     for number, condition in enumerate(conditions):
         task = tasks.make(task_name, split)
         world.begin(task, tasks.episode_seed(split, index))
-        choice = choice or mobile.choose(policy, world.observe(), task.instruction)
+        choice = choice or several_tables.choose(policy, world.observe(), task.instruction)
         try:
-            step = mobile.act(world, choice, condition.finder(np.random.default_rng((index, number))))
-        except mobile.LocalisationError as error:
+            step = driving.act(world, choice, condition.finder(np.random.default_rng((index, number))))
+        except tags.LocalisationError as error:
             errors.append(str(error))
             rewards.append(0.0)
         else:

@@ -20,7 +20,7 @@ from gem_lite.demonstrations import GripperState
 from gem_lite.rgbd.camera import Camera, View, as_pose, looking
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import tags
+from gem_lite.simulation import tag_plates
 from gem_lite.simulation.gripper import CLEARANCE
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.simulation.shapes import create_compound, create_visual
@@ -124,7 +124,7 @@ class MobileWorld(Simulation):
             self.add_slab(middle, (*half, 0.02), 0.0, TABLE_COLOR, solid=True)
             flange = table @ Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
             self.add_slab(flange, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, TABLE_COLOR, solid=True)
-            tags.add_tag(self.client, number, table @ self.tag)
+            tag_plates.add_tag(self.client, number, table @ self.tag)
         self.add_slab(self.tables[0], (20.0, 20.0, 0.05), -TABLE_HEIGHT, self.style.floor, solid=True)
         self._base = add_base(self.client, self.body.camera)
         self._move_base(self.tables[0] @ HOME)

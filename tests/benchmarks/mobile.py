@@ -10,7 +10,7 @@ from timing import seconds
 
 from gem_lite import clip, tasks
 from gem_lite.config import LITE
-from gem_lite.policies import several_tables as mobile
+from gem_lite.policies import several_tables
 from gem_lite.policies.base import RGBD, collate
 from gem_lite.policies.gem import Policy
 from gem_lite.simulation.world import World
@@ -36,7 +36,7 @@ def main() -> None:
 
         def stitched(several=several):
             words = several.pick_words
-            return mobile.score_tables(policy.pick, several, RGBD, words, policy.pick.kernel(words[:1]))
+            return several_tables.score_tables(policy.pick, several, RGBD, words, policy.pick.kernel(words[:1]))
 
         one = collate([inputs])
         together, logits = seconds(stitched, REPEATS)

@@ -1,4 +1,4 @@
-"""AprilTags (36h11) as bodies, and what a camera needs to know of them."""
+"""AprilTags as bodies: plates of boxes, white and black."""
 
 from __future__ import annotations
 
@@ -10,22 +10,12 @@ import trimesh
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
+from gem_lite.rgbd.tags import CELLS, COUNT, DICTIONARY, TAG_SIDE
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.shapes import create_body, create_visual
 
-DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-COUNT = 587
-CELLS = 8
-"""Cells along a tag's side, its black border included."""
-TAG_SIDE = 0.14
-"""Length (m) of a tag's black square; a white margin of one cell surrounds it."""
 PLATE = TAG_SIDE * (CELLS + 2) / CELLS
 WHITE, BLACK = (0.95, 0.95, 0.95, 1.0), (0.05, 0.05, 0.05, 1.0)
-
-CORNERS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * TAG_SIDE / 2
-"""(4, 3) metres in a tag's frame, in OpenCV's order: the picture's upper left, then clockwise.
-
-The frame is that of a height map: x to the picture's right, y to its top, z towards the viewer."""
 
 
 @cache
