@@ -1,4 +1,4 @@
-"""JSON that is checked, and files that are written whole or not at all."""
+"""Where the data is, JSON that is checked, and files that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -6,6 +6,19 @@ import json
 import os
 from pathlib import Path
 from typing import NoReturn
+
+
+def data_folder(package: Path) -> Path:
+    """Where models, demonstrations and results are, given the folder of the package ``gem_lite``.
+
+    In a checkout that is ``data`` beside the package; an installed wheel has it as ``gem_lite_data``.
+    """
+    checkout = package.parent / "data"
+    return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
+
+
+DATA = data_folder(Path(__file__).resolve().parent)
+"""Models, demonstrations and results."""
 
 
 def read_json(content: bytes | str, name: object) -> dict:

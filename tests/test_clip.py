@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import re
 import shutil
 
 import numpy as np
@@ -14,6 +15,7 @@ from gem_lite import clip, colors, tasks
 from gem_lite.clip import calibration
 from gem_lite.clip_training import clip_card, clip_crops, pretrain_clip, vocabulary
 from gem_lite.clip_training.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops
+from gem_lite.learning import calibrating
 from gem_lite.maps import semantic_map
 
 
@@ -126,7 +128,7 @@ def test_paraphrases_find_their_crop_and_strangers_none(model):
     # 161 pairs of phrases that the calibration of the threshold did not use.
     rows = list(csv.DictReader((clip.DATA / "phrase_pairs.csv").open()))
     assert len(rows) >= 100
-    calibrated = {(plain, words) for plain, more in calibration.retrieval_phrases() for words in more}
+    calibrated = {(plain, words) for plain, more in calibrating.retrieval_phrases() for words in more}
     assert not calibrated & {(row["stored"], row["query"]) for row in rows}
     same = np.array([row["same"] == "1" for row in rows])
     stored, asked = (model.embed_texts([row[key] for row in rows]) for key in ("stored", "query"))
@@ -196,6 +198,8 @@ def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     assert real.embed_texts(["red block"]).shape == (1, 24)
     assert real.fingerprint != model.fingerprint
     assert calibration.path_for(real) != calibration.path_for(model)
+    with pytest.raises(FileNotFoundError, match=re.escape(f"python -m gem_lite.learning.calibrating {tmp_path}")):
+        _ = real.calibration
     # Dense: cells row by row, each most of all about what lies in it.
     picture = np.full((80, 160, 3), 90, np.uint8)
     plain = real.embed_dense(picture, 40)
@@ -254,7 +258,7 @@ def test_a_gpu_gives_the_same_embeddings():
 
 
 def test_stored_calibration_is_what_calibrate_measures(model):
-    measured, stored = calibration.calibrate(model), model.calibration
+    measured, stored = calibrating.calibrate(model, calibrating.rendered_scenes()), model.calibration
     for name, value in vars(stored).items():
         assert getattr(measured, name) == pytest.approx(value, abs=0.02), name
 

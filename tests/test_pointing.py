@@ -7,10 +7,10 @@ import pytest
 from shapely.geometry import Point
 
 from gem_lite import clip, colors, tasks
-from gem_lite.clip import calibration
 from gem_lite.config import LITE
 from gem_lite.evaluation import pointing, results
 from gem_lite.evaluation.pointing import Pointing, lay_out, point
+from gem_lite.learning import calibrating
 from gem_lite.maps import crop_memory
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.rgbd.heightmap import fuse_views
@@ -210,7 +210,7 @@ def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
 def test_scenes_are_in_no_evaluation_and_no_calibration():
     seeds = set(pointing.scene_seeds(1000))
     assert len(seeds) == 1000
-    assert not seeds & {tasks.episode_seed("val", index) for index in range(calibration.SCENES)}
+    assert not seeds & {tasks.episode_seed("val", index) for index in range(calibrating.SCENES)}
     rows = results.read_rows(results.results_file("put-block-in-bowl-seen-colors"))
     assert rows
     for row in rows:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gem_lite import clip
+from gem_lite import clip, files
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -92,8 +92,8 @@ def test_the_wheel_names_its_dependencies(installed):
 
 def test_the_checkouts_data_comes_first(tmp_path):
     assert clip.DATA == ROOT / "data"
-    assert clip.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
+    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
     (tmp_path / "data").mkdir()  # of another package
-    assert clip.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
+    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
     (tmp_path / "data" / "clip-tabletop").mkdir()
-    assert clip.data_folder(tmp_path / "gem_lite") == tmp_path / "data"
+    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "data"

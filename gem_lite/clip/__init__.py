@@ -18,20 +18,10 @@ import huggingface_hub
 import transformers
 from transformers.image_processing_base import ImageProcessingMixin
 
-from gem_lite.clip.calibration import Calibration, load_or_measure
+from gem_lite.clip.calibration import Calibration, read
 from gem_lite.clip.resnet_clip import ResNetClip
+from gem_lite.files import DATA
 
-
-def data_folder(package: Path) -> Path:
-    """Where models, demonstrations and results are, given the folder of the package ``gem_lite``.
-
-    In a checkout that is ``data`` beside the package; an installed wheel has it as ``gem_lite_data``.
-    """
-    checkout = package.parent / "data"
-    return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
-
-
-DATA = data_folder(Path(__file__).resolve().parent.parent)
 EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
@@ -67,8 +57,13 @@ class Clip:
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The scale of this model's scores and its retrieval threshold, measured at first use."""
-        return load_or_measure(self)
+        """The scale of this model's scores and its retrieval threshold.
+
+        Raises:
+            FileNotFoundError: they were never measured; the message names the command that does.
+            ValueError: their file is damaged.
+        """
+        return read(self)
 
     @property
     def parameter_count(self) -> int:

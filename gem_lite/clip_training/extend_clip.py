@@ -13,10 +13,11 @@ import numpy as np
 import torch
 
 from gem_lite import clip
-from gem_lite.clip import Clip
+from gem_lite.clip import Clip, calibration
 from gem_lite.clip.resnet_clip import ResNetClip
 from gem_lite.clip_training import clip_card, pretrain_clip, vocabulary
 from gem_lite.clip_training.clip_crops import NOUN_NAMES, SHAPE_NAMES, Crops, render_crops, rendered_crops
+from gem_lite.learning import calibrating
 
 OUT = clip.DATA / "clip-sorting"
 LEARNING_RATE = 5e-4
@@ -96,6 +97,7 @@ def main() -> None:
     pretrain_clip.save(model.half(), tokenizer, args.out)
     print(f"wrote {args.out} after {time.time() - start:.0f} s")
     after = clip.load(args.out)
+    calibration.write(after, calibrating.calibrate(after, calibrating.rendered_scenes()))
     print(write_card(args.out, before, after, len(crops), args.scenes, 60), after.calibration)
 
 

@@ -25,6 +25,7 @@ from tqdm import tqdm
 from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
 
 from gem_lite import clip
+from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
 from gem_lite.clip_training import clip_card, vocabulary
 from gem_lite.clip_training.clip_crops import (
@@ -36,6 +37,7 @@ from gem_lite.clip_training.clip_crops import (
     Crops,
     rendered_crops,
 )
+from gem_lite.learning import calibrating
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
 # <eos> must not have id 2: transformers' CLIP then pools at argmax(input_ids), which is some other word.
@@ -297,7 +299,9 @@ def main() -> None:
         parser.exit(2, f"{error}\n")
     save(model, tokenizer, args.out)
     print(f"wrote {args.out} after {time.time() - start:.0f} s")
-    print(clip_card.write(args.out, clip.load(args.out), len(crops)))
+    made = clip.load(args.out)
+    calibration.write(made, calibrating.calibrate(made, calibrating.rendered_scenes()))
+    print(clip_card.write(args.out, made, len(crops)))
 
 
 if __name__ == "__main__":
