@@ -8,20 +8,18 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import safetensors.numpy
 import torch
 from safetensors import SafetensorError, safe_open
 
+from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, GripperState
 from gem_lite.files import write_whole
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
-
-if TYPE_CHECKING:
-    from gem_lite.clip import Clip
 
 ROUNDING = 1e-6
 """How much the cosines of equal phrases may differ: a matrix product rounds some rows another way."""

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from gem_lite.clip import Clip
+from gem_lite.config import Config
+from gem_lite.maps.crop_memory import CropMemory
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, PointLabels, fuse_views, sort_points
 from gem_lite.se2 import angle_bins, rotate_image
-
-if TYPE_CHECKING:
-    from gem_lite.clip import Clip
-    from gem_lite.config import Config
-    from gem_lite.maps.crop_memory import CropMemory
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ from gem_lite.simulation import tag_plates
 from gem_lite.simulation.gripper import CLEARANCE
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.simulation.shapes import create_compound, create_visual
+from gem_lite.simulation.task import Task
 from gem_lite.simulation.world import Simulation
 from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
-from gem_lite.tasks import Task
 
 TABLE_HEIGHT = 0.7
 """Heights are measured from the tables' tops: the floor lies so far (m) below."""

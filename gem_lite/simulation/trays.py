@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet as p
@@ -11,9 +10,7 @@ import trimesh
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.shapes import Body, create_body, create_visual
-
-if TYPE_CHECKING:
-    from gem_lite.simulation.world import World
+from gem_lite.simulation.world import World
 
 WALL = 0.002
 """Thickness (m) of walls and floors, as in CLIPort."""

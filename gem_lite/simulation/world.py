@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 import pybullet as p
@@ -17,10 +17,8 @@ from gem_lite.se2 import Action, Pose2, Workspace, quaternion
 from gem_lite.simulation.gripper import PARKED, Gripper
 from gem_lite.simulation.rendering import cameras_around, render
 from gem_lite.simulation.shapes import Body
+from gem_lite.simulation.task import Task
 from gem_lite.simulation.worlds import HOME, RGBA, TABLE_COLOR, WorldStyle
-
-if TYPE_CHECKING:
-    from gem_lite.tasks import Task
 
 RATE = 240
 """Simulation steps per second."""

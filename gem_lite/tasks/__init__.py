@@ -6,13 +6,13 @@ import difflib
 from collections.abc import Callable
 from typing import Literal
 
+from gem_lite.simulation.task import Task
 from gem_lite.tasks.bars_in_box import BarsInBox
 from gem_lite.tasks.block_insertion import BlockInsertion
 from gem_lite.tasks.object_sorting import ObjectSorting
 from gem_lite.tasks.packing_shapes import PackingShapes
 from gem_lite.tasks.put_block_in_bowl import PutBlockInBowl
 from gem_lite.tasks.stack_block_pyramid import StackBlockPyramid
-from gem_lite.tasks.task import Task
 
 __all__ = ["NAMES", "SEED_START", "Split", "Task", "episode_seed", "make"]
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from gem_lite import colors
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.se2 import Action, Pose2, Workspace
 from gem_lite.simulation import objects, symbols, trays
+from gem_lite.simulation.task import Task
+from gem_lite.simulation.world import Simulation
 from gem_lite.tasks.spawn import FreeSpace
-from gem_lite.tasks.task import Task
-
-if TYPE_CHECKING:
-    from gem_lite.simulation.world import Simulation
 
 SEEN = (
     "mug", "hammer", "banana", "scissors", "bottle", "spoon", "pan", "brush", "key", "teapot", "toy car", "duck", "hat",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +10,9 @@ from gem_lite import colors
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.se2 import Action, Pose2, wrap
 from gem_lite.simulation import shapes
+from gem_lite.simulation.task import Task
+from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace
-from gem_lite.tasks.task import Task
-
-if TYPE_CHECKING:
-    from gem_lite.simulation.world import World
 
 SPACING = 0.05
 """Distance (m) between the middles of neighbouring plates; also their length."""
