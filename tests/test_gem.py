@@ -9,9 +9,9 @@ import torch
 from gem_lite.config import LITE, PAPER, Config
 from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
-from gem_lite.policies.base import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.policies.gem import PickModule, PlaceModule, near_peak
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
+from gem_lite.policies.samples import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.se2 import ImageMotion
 
 D = 16

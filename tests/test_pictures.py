@@ -11,7 +11,7 @@ import pytest
 import shapely
 import torch
 
-from gem_lite import colors, steerable
+from gem_lite import colors, correlation, steerable
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Action, ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation import shapes
@@ -109,7 +109,7 @@ def find_l(mask, kernel):
     """(row, col, yaw) at which the template fits best."""
     features = torch.from_numpy(mask.astype(np.float32))[None, None]
     angles = angle_bins(ROTATIONS)
-    response = steerable.sample(kernel.correlate(features), torch.from_numpy(angles).float())[0]
+    response = correlation.sample(kernel.correlate(features), torch.from_numpy(angles).float())[0]
     index, row, col = np.unravel_index(int(response.argmax()), response.shape)
     return row, col, angles[index]
 

@@ -8,7 +8,8 @@ import torch
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures import plot_pick, plot_place, plot_results
-from gem_lite.policies.base import RGBD, Choice, Sample
+from gem_lite.policies.base import Choice
+from gem_lite.policies.samples import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2, Workspace
 

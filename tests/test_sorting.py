@@ -18,8 +18,8 @@ from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures import plot_mobile
 from gem_lite.policies import several_tables
-from gem_lite.policies.base import RGBD
 from gem_lite.policies.gem import Policy, near_peak
+from gem_lite.policies.samples import RGBD
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import looking
 from gem_lite.se2 import Pose2

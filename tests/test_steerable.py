@@ -6,20 +6,9 @@ import torch
 import torch.nn.functional as F
 from scipy.special import jn_zeros, jv
 
-from gem_lite import steerable
-from gem_lite.steerable import (
-    SteerableKernel,
-    band_limited,
-    best_angle,
-    correlate,
-    disc,
-    fourier,
-    harmonics,
-    orbit,
-    peak,
-    sample,
-    turn,
-)
+from gem_lite import correlation
+from gem_lite.correlation import best_angle, correlate, peak, sample
+from gem_lite.steerable import SteerableKernel, band_limited, disc, fourier, harmonics, orbit, turn
 
 H = 9
 
@@ -197,7 +186,7 @@ def test_blocks_of_frequencies_do_not_matter(monkeypatch):
         return response, *torch.autograd.grad(response.abs().sum(), (kernel, features))
 
     plain = run()
-    monkeypatch.setattr(steerable, "BLOCK", 1)
+    monkeypatch.setattr(correlation, "BLOCK", 1)
     for one, other in zip(plain, run(), strict=True):
         assert torch.allclose(one, other, atol=1e-11)
 

@@ -13,9 +13,10 @@ from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import base as policy_module
 from gem_lite.policies import methods
-from gem_lite.policies.base import PreparedStep, numbered_steps
+from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import PhraseMaps, Policy, joined
+from gem_lite.policies.samples import PreparedStep
 from gem_lite.se2 import angle_off
 
 SMALL = dataclasses.replace(

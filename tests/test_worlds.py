@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gem_lite import tasks
-from gem_lite.policies.base import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
+from gem_lite.policies.samples import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.world import World

@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 
 from gem_lite.figures.plot_kernels import SIGNED
 from gem_lite.figures.plots import PICK_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.base import RGBD, Sample, to_picture
+from gem_lite.policies.samples import RGBD, Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72

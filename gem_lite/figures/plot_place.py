@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from gem_lite.figures.plot_kernels import SIGNED
 from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.base import HEIGHT_SCALE, RGBD, to_picture
+from gem_lite.policies.samples import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Action, Pose2
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.base import RGBD, Sample, to_picture
+from gem_lite.policies.samples import RGBD, Sample, to_picture
 
 METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2", "cliport-grounded": "C8"}
 """A method's colour in every figure."""

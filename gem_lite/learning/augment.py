@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gem_lite.policies.base import RGBD, Sample
+from gem_lite.policies.samples import RGBD, Sample
 from gem_lite.se2 import ImageMotion
 
 TRIES = 100

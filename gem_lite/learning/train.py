@@ -25,7 +25,8 @@ from gem_lite.config import Config
 from gem_lite.files import write_whole
 from gem_lite.learning import augment
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.base import PickPlacePolicy, PreparedStep, Sample
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.samples import PreparedStep, Sample
 
 SAVE_EVERY, SAVE_SECONDS = 100, 60
 """Steps and seconds between two saves of the training state: a killed run loses at most the fewer of these."""

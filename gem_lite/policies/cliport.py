@@ -20,8 +20,8 @@ from torch import nn
 
 from gem_lite.config import Config
 from gem_lite.maps.semantic_map import top_grid
-from gem_lite.policies.base import RGBD, Inputs
 from gem_lite.policies.networks import ResidualBlock, UNet, decoder_widths
+from gem_lite.policies.samples import RGBD, Inputs
 from gem_lite.policies.transporter import KeyQuery, TopView, TransporterLan
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views

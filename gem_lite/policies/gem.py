@@ -11,26 +11,18 @@ from torch import nn
 
 from gem_lite import language
 from gem_lite.config import Config
+from gem_lite.correlation import correlate, sample
 from gem_lite.demonstrations import Demonstration
 from gem_lite.maps import semantic_map
 from gem_lite.maps.crop_memory import CropMemory, demonstrated_crops
 from gem_lite.maps.semantic_map import SceneEmbedding
-from gem_lite.policies.base import (
-    RGBD,
-    Choice,
-    Inputs,
-    PickPlacePolicy,
-    PreparedStep,
-    crop_at,
-    label,
-    numbered_steps,
-    to_rgbd,
-)
+from gem_lite.policies.base import Choice, PickPlacePolicy, numbered_steps
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
+from gem_lite.policies.samples import RGBD, Inputs, PreparedStep, crop_at, label, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
-from gem_lite.steerable import SteerableKernel, correlate, sample
+from gem_lite.steerable import SteerableKernel
 
 
 class ActionModule(nn.Module):

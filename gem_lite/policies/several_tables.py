@@ -15,8 +15,9 @@ import torch
 
 from gem_lite import language
 from gem_lite.policies import gem
-from gem_lite.policies.base import RGBD, Inputs, PickPlacePolicy, collate, crop_at
+from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.gem import ActionModule
+from gem_lite.policies.samples import RGBD, Inputs, collate, crop_at
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins

@@ -21,12 +21,13 @@ from torch import nn
 
 from gem_lite import language
 from gem_lite.config import Config
-from gem_lite.policies.base import RGBD, Inputs, PickPlacePolicy, crop_at, to_rgbd
+from gem_lite.correlation import correlate
+from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
+from gem_lite.policies.samples import RGBD, Inputs, crop_at, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins, rotate_image
-from gem_lite.steerable import correlate
 
 
 def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:

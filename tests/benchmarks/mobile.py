@@ -11,8 +11,8 @@ from timing import seconds
 from gem_lite import clip, tasks
 from gem_lite.config import LITE
 from gem_lite.policies import several_tables
-from gem_lite.policies.base import RGBD, collate
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.samples import RGBD, collate
 from gem_lite.simulation.world import World
 
 COUNTS = (1, 2, 4, 8)

@@ -1,0 +1,144 @@
+"""What the networks see of a step, and what they should answer: inputs, samples, labels and the loss."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import nn
+
+from gem_lite.config import Config
+from gem_lite.demonstrations import DemonstrationStep
+from gem_lite.rgbd.heightmap import HeightMap
+
+HEIGHT_SCALE = 0.05
+"""Metres that become 1 in a network's height channel."""
+TABLE_GRAY = 0.2
+"""About the bare table's colour, of 1; a network's colours are measured from it."""
+TABLE_LEVEL = 49
+"""The bare table's gray level, of 255, in the light in which demonstrations are collected."""
+BARE = 0.005
+"""Metres below which a cell of the height map shows the bare table."""
+RGBD = 4
+
+
+def exposure(heightmap: HeightMap) -> float:
+    """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
+
+    A brighter lamp makes table and objects brighter alike, and the table is the same in every scene. So it
+    tells how bright the lamp is, as a photographer's gray card does.
+    """
+    bare = heightmap.rgb[heightmap.height < BARE]
+    level = float(np.median(bare)) if len(bare) else TABLE_LEVEL
+    return TABLE_LEVEL / max(level, 1.0)
+
+
+def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
+    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is about 0.
+
+    Colours are those of the demonstrations' light, whatever the light of the scene: see `exposure`.
+    """
+    rgb = exposure(heightmap) * torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
+    height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
+    return torch.cat([rgb, height])
+
+
+def to_picture(rgbd: torch.Tensor) -> np.ndarray:
+    """(H, W, 3) float32 in [0, 1]: the colours of what `to_rgbd` made, recoloured or not."""
+    return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
+
+
+def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:
+    """Unrotated squares around pixels: (B, C, H, W) and (B, 2) integers to (B, C, size, size); outside is 0."""
+    half = size // 2
+    padded = nn.functional.pad(image, (half, half, half, half))
+    corners = zip(padded, pixels.tolist(), strict=True)
+    return torch.stack([picture[:, row : row + size, col : col + size] for picture, (row, col) in corners])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """What a method's networks see of one scene; all of it frozen, so that training computes it once.
+
+    Attributes:
+        image: (C, H, W): RGB-D (`to_rgbd`), then the method's own maps.
+        coarse: (D, h, w) features that cover the same table with fewer cells; D is 0 for methods without.
+        pick_words, place_words: (D,) text embeddings.
+    """
+
+    image: torch.Tensor
+    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
+    pick_words: torch.Tensor
+    place_words: torch.Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Inputs):
+    """One demonstrated step in the form that training reads.
+
+    Attributes:
+        pick, place: pixels (row, col), not rounded.
+        pick_yaw: the grasp's yaw (radians); ``delta``: place minus pick yaw.
+        pick_symmetry, place_symmetry: turns that change nothing, see `demonstrations.ExpertAction`.
+    """
+
+    pick: tuple[float, float]
+    place: tuple[float, float]
+    pick_yaw: float
+    delta: float
+    pick_symmetry: float
+    place_symmetry: float
+
+
+@dataclass(frozen=True)
+class PreparedStep:
+    """A demonstrated step with all that stays frozen.
+
+    ``with_image`` holds the image-conditioned blend (the text map itself where retrieval, which never
+    finds the step's own episode, found nothing), ``text_only`` the map without it. To a method without
+    image-conditioned maps both are the same.
+    """
+
+    with_image: Sample
+    text_only: Sample
+
+
+def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
+    """A batch: every tensor of ``several`` with a leading batch axis."""
+    names = ("image", "coarse", "pick_words", "place_words")
+    return Inputs(**{name: torch.stack([getattr(one, name) for one in several]).to(device) for name in names})
+
+
+def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
+    """A step's inputs with what the expert did."""
+    action, workspace = step.expert.action, config.workspace
+    return Sample(
+        **vars(inputs),
+        pick=workspace.to_pixel(action.pick.x, action.pick.y),
+        place=workspace.to_pixel(action.place.x, action.place.y),
+        pick_yaw=action.pick.yaw,
+        delta=action.delta,
+        pick_symmetry=step.expert.pick_symmetry,
+        place_symmetry=step.expert.place_symmetry,
+    )
+
+
+def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
+    """The angle bins that a label spreads over: the nearest bin of every equivalent angle.
+
+    ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
+    """
+    if symmetry == 0:
+        return list(range(count))
+    copies = round(2 * math.pi / symmetry)
+    equivalents = angle + 2 * math.pi * np.arange(copies) / copies
+    return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
+
+
+def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
+    """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
+    right = torch.stack([one[bins, row, col].mean() for one, (bins, row, col) in zip(logits, cells, strict=True)])
+    return (logits.flatten(1).logsumexp(dim=1) - right).mean()
