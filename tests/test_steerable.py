@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from scipy.special import jn_zeros, jv
 
-from gem_lite import correlation
+from gem_lite import correlation, steerable
 from gem_lite.correlation import best_angle, correlate, peak, sample
 from gem_lite.steerable import SteerableKernel, band_limited, disc, fourier, harmonics, orbit, turn
 
