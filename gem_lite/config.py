@@ -41,7 +41,7 @@ ABLATIONS = {
     ),
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
     "with-matched-single-view": Ablation(
-        "the same with patches of the height map as wide as the side views' patches are on the table",
+        "one view with patches of 87.5 mm: the paper's side-view patches have that width on the table",
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
     ),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
