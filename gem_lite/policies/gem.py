@@ -93,22 +93,25 @@ class PhraseMaps:
 
 
 def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
-    """The maps of "X and Y": in each cell the largest value of the members' maps, which first get one height.
+    """The maps of "X and Y": the members' maps are scaled to equally high peaks; each cell gets the largest value.
 
-    CLIP may answer less to X than to Y wherever X lies. Without the scaling the joined map would then show Y alone.
+    CLIP may answer less to X than to Y. Without the scaling, X would then be the darker one in the joined map.
     """
     images = [member.image for member in members if member.image is not None]
     return PhraseMaps(
-        _largest([member.text for member in members]),
-        _largest(images) if images else None,
-        _largest([member.fused for member in members]),
+        _scaled_maximum([member.text for member in members]),
+        _scaled_maximum(images) if images else None,
+        _scaled_maximum([member.fused for member in members]),
     )
 
 
-def _largest(maps: Sequence[np.ndarray]) -> np.ndarray:
+def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
     """(H, W) maps to one: each is scaled until its peak is as high as the highest peak; a map without one stays."""
-    highest = max(float(member.max()) for member in maps)
-    scaled = [member * np.float32(highest / member.max()) if member.max() > 0 else member for member in maps]
+    peaks = [member.max() for member in maps]
+    highest = float(max(peaks))
+    scaled = [
+        member * np.float32(highest / peak) if peak > 0 else member for member, peak in zip(maps, peaks, strict=True)
+    ]
     return np.maximum.reduce(scaled)
 
 
