@@ -80,7 +80,7 @@ def test_an_installed_wheel_works_from_another_folder(installed, tmp_path):
     assert done.returncode == 0, done.stderr
     data, module, name = done.stdout.splitlines()
     assert Path(data) == installed / "gem_lite_data"
-    assert Path(module) == installed / "gem_lite" / "clip.py"
+    assert Path(module) == installed / "gem_lite" / "clip" / "__init__.py"
     assert name == "embedded clip-tabletop"
 
 
