@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite import tasks
-from gem_lite.demonstrations import ExpertAction
+from gem_lite.actions import ExpertAction
 from gem_lite.policies.base import Choice, PickPlacePolicy
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.world import World, body_at

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from gem_lite import language
+from gem_lite.actions import PickPlace
 from gem_lite.policies import gem
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.gem import ActionModule
