@@ -73,6 +73,11 @@ class MobileChoice:
     place_table: int
     place: Pose2
 
+    @property
+    def action(self) -> PickPlace:
+        """What to do."""
+        return PickPlace(self.pick, self.place, self.pick_table, self.place_table)
+
 
 def check_policy(policy: PickPlacePolicy) -> gem.Policy:
     """The policy, if it can choose over several tables.

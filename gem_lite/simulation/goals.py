@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 Target = Body | Pose2
 """Where something belongs: at the origin of a body, wherever that lies, or at a pose in the world."""
 FULL_TURN = 2 * math.pi
+MIDDLE = Pose2(0.0, 0.0)
+"""A body's own origin."""
 
 
 def target_pose(environment: Environment, target: Target) -> Pose2:
@@ -33,7 +35,9 @@ class Metric(Protocol):
     """
 
     @property
-    def symmetry(self) -> float: ...
+    def symmetry(self) -> float:
+        """See above."""
+        ...
 
     def reached(self, environment: Environment, body: Body, target: Target) -> bool:
         """Whether a body is at a target."""
@@ -112,7 +116,7 @@ class Goal:
     targets: tuple[Target, ...]
     metric: Metric
     share: float = 1.0
-    grasp: Pose2 = Pose2(0.0, 0.0)
+    grasp: Pose2 = MIDDLE
     grasp_symmetry: float = 0.0
 
     def at_targets(self, environment: Environment) -> np.ndarray:

@@ -33,6 +33,7 @@ class Task(ABC):
         effector: the name of its tool, see `effectors`.
         max_steps: actions after which an episode ends.
         goals: the present episode's; none before `reset`.
+        named_colors: the palette's colours that the sentences name.
         names: what each body is, such as "red block", by its id: for scoring maps alone, no policy sees it.
         unseen: whether its words come from the unseen sets.
 
@@ -48,6 +49,7 @@ class Task(ABC):
     def __init__(self, split: Split = "train", unseen: bool = False) -> None:
         self.unseen = unseen and split != "train"
         self.goals: tuple[Goal, ...] = ()
+        self.named_colors: tuple[str, ...] = ()
         self.names: dict[int, str] = {}
         self._reached = 0
 
@@ -75,7 +77,7 @@ class Task(ABC):
 
     @property
     def instruction(self) -> str:
-        """What to do now; policies see it, and nothing else of a task. The last sentence stays. Empty before `reset`."""
+        """What to do now: policies see nothing else of a task. The last sentence stays; none before `reset`."""
         return self.goals[min(self._reached, len(self.goals) - 1)].sentence if self.goals else ""
 
     def score(self, environment: Environment) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from typing_extensions import override
 
 from gem_lite import colors
-from gem_lite.simulation import shapes, trays
+from gem_lite.simulation import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal
 from gem_lite.simulation.task import Task
@@ -25,15 +25,10 @@ PALETTE = tuple(name for name in colors.SEEN if name != "brown")
 
 @register("bars-in-box")
 class BarsInBox(Task):
-    """One fixed brown box and four movable bars of four other colours; the sentence names one bar.
-
-    Attributes:
-        named_colors: of the bar that the sentence names.
-    """
+    """One fixed brown box and four movable bars of four other colours; the sentence names one bar."""
 
     effector = "jaw"
     max_steps = 2
-    named_colors: tuple[str, ...] = ()
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:

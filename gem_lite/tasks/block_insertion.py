@@ -31,13 +31,7 @@ def seated(block: shapes.Body) -> PoseMetric:
 
 @register("block-insertion")
 class BlockInsertion(Task):
-    """One movable L-block and one fixed fixture of another colour, each at any pose.
-
-    Attributes:
-        named_colors: of the block and the fixture.
-    """
-
-    named_colors: tuple[str, ...] = ()
+    """One movable L-block and one fixed fixture of another colour, each at any pose."""
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:

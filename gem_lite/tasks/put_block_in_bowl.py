@@ -30,12 +30,7 @@ class PutBlockInBowl(Task):
 
     The distractors (block or bowl by a coin's toss) take the remaining colours of the full list in
     order, as in CLIPort, so colours that are never named do appear among them in training.
-
-    Attributes:
-        named_colors: of the blocks and the bowls that the sentence names.
     """
-
-    named_colors: tuple[str, ...] = ()
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
@@ -61,7 +56,8 @@ class PutBlockInBowl(Task):
 
     @override
     def subsets(self) -> tuple[str, ...]:
-        return (BOTH_NEW,) if set(self.named_colors) <= set(colors.NEW) else ()
+        both_new = set(self.named_colors) <= set(colors.NEW)
+        return (BOTH_NEW,) if both_new else ()
 
     def _add_bowl(self, environment: Environment, free: FreeSpace, color: str, movable: bool) -> shapes.Body:
         profiles = environment.style.bowls

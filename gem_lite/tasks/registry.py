@@ -32,7 +32,7 @@ TASKS: Registry[Variant] = Registry("task")
 
 
 def register(family: str, variants: Mapping[str, Mapping[str, object]] | None = None) -> Callable[[T], T]:
-    """Register a family's class and its tasks, before the class:
+    """Register a family's class and its tasks.
 
         @register("put-block-in-bowl", {"seen-colors": {}, "unseen-colors": {"unseen": True}})
         class PutBlockInBowl(Task): ...
@@ -46,7 +46,9 @@ def register(family: str, variants: Mapping[str, Mapping[str, object]] | None = 
     """
 
     def add(task: T) -> T:
-        named = {f"{family}-{ending}": arguments for ending, arguments in variants.items()} if variants else {family: {}}
+        named = (
+            {f"{family}-{ending}": arguments for ending, arguments in variants.items()} if variants else {family: {}}
+        )
         for name, arguments in named.items():
             TASKS.add(name, Variant(family, task, arguments), task.__module__)
         return task

@@ -41,13 +41,9 @@ class StackBlockPyramid(Task):
 
     The sentences come in a fixed order, bottom layer first. The twelve steps of an episode leave room for six
     retries.
-
-    Attributes:
-        named_colors: of the blocks, in the order of the sentences.
     """
 
     max_steps = 2 * len(SPOTS)
-    named_colors: tuple[str, ...] = ()
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
@@ -69,7 +65,9 @@ class StackBlockPyramid(Task):
         heights = [thickness + (layer + 0.5) * shapes.BLOCK_SIZE for _, layer in SPOTS]
         return [
             Goal(sentence, (block,), (base @ Pose2(0, y),), on_spot(height), grasp_symmetry=QUARTER)
-            for sentence, block, (y, _), height in zip(sentences(self.named_colors), blocks, SPOTS, heights, strict=True)
+            for sentence, block, (y, _), height in zip(
+                sentences(self.named_colors), blocks, SPOTS, heights, strict=True
+            )
         ]
 
 
