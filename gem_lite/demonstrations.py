@@ -16,45 +16,24 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, overload
+from typing import overload
 
 import cv2
 import numpy as np
 
 from gem_lite import language
+from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
 from gem_lite.files import read_json, write_whole
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Action, Pose2
+from gem_lite.se2 import Pose2
 
 SCHEMA = 3
 DEPTH_UNIT = 1e-4
 """Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
+_KINDS: dict[type[Action], str] = {PickPlace: "pick-place", Push: "push"}
 _EPISODE_FILE = re.compile(r"episode-\d{4,}-[0-9a-f]{12}\.npz")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-
-
-class GripperState(NamedTuple):
-    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether it holds something."""
-
-    x: float
-    y: float
-    yaw: float
-    holding: bool
-
-
-@dataclass(frozen=True)
-class ExpertAction:
-    """An expert's action and its yaw symmetries.
-
-    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing:
-    pi/2 for the yaw of a cube's grasp, 0 where every yaw is as good, 2 pi where one yaw is right.
-    ``place_symmetry`` is that of the relative angle.
-    """
-
-    action: Action
-    pick_symmetry: float
-    place_symmetry: float
 
 
 @dataclass(frozen=True)
@@ -161,7 +140,11 @@ def _encode(demonstration: Demonstration) -> bytes:
         steps.append({
             "instruction": step.instruction,
             "phrases": dataclasses.asdict(step.phrases),
-            "expert": dataclasses.asdict(step.expert),
+            "expert": {
+                "action": _encode_action(step.expert.action),
+                "pick_symmetry": step.expert.pick_symmetry,
+                "place_symmetry": step.expert.place_symmetry,
+            },
             "reward": step.reward,
             "cameras": [dataclasses.asdict(view.camera) for view in step.observation.views],
         })  # fmt: skip
@@ -189,7 +172,6 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
         camera = Camera(**{name: _tuples(value) for name, value in camera.items()})
         views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
     expert = step["expert"]
-    pick, place = (Pose2(**{k: _number(v) for k, v in expert["action"][end].items()}) for end in ("pick", "place"))
     trace = arrays[f"trace-{i}"]
     if trace.dtype != np.float32 or trace.ndim != 2 or trace.shape[1] != 4 or not np.isfinite(trace).all():
         raise ValueError(f"the trace of step {i} must be finite (T, 4) float32, got {trace.shape} {trace.dtype}")
@@ -197,10 +179,32 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
         Observation(tuple(views)),
         _text(step["instruction"]),
         language.Phrases(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
-        ExpertAction(Action(pick, place), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])),
+        ExpertAction(
+            _decode_action(expert["action"]), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])
+        ),
         unpack(trace),
         _number(step["reward"]),
     )
+
+
+def _encode_action(action: Action) -> dict:
+    return {"kind": _KINDS[type(action)]} | dataclasses.asdict(action)
+
+
+def _decode_action(entry: dict) -> Action:
+    """An action as a file holds it. Older files lack the kind and the tables: a pick and place on the only table."""
+    match entry.get("kind", "pick-place"):
+        case "pick-place":
+            tables = [_whole_number(entry.get(name, 0)) for name in ("pick_table", "place_table")]
+            return PickPlace(_decode_pose(entry["pick"]), _decode_pose(entry["place"]), *tables)
+        case "push":
+            return Push(_decode_pose(entry["start"]), _decode_pose(entry["end"]), _whole_number(entry["table"]))
+        case kind:
+            raise ValueError(f"an action's kind must be one of {', '.join(_KINDS.values())}, got {kind!r}")
+
+
+def _decode_pose(entry: dict) -> Pose2:
+    return Pose2(**{name: _number(value) for name, value in entry.items()})
 
 
 def _tuples(value: object) -> object:

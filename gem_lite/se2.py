@@ -45,19 +45,6 @@ class Pose2:
 
 
 @dataclass(frozen=True)
-class Action:
-    """One pick and place. ``place.yaw`` is the gripper's *final world yaw*, not the relative angle."""
-
-    pick: Pose2
-    place: Pose2
-
-    @property
-    def delta(self) -> float:
-        """The paper's relative place angle: place orientation minus pick orientation, in [-pi, pi)."""
-        return wrap(self.place.yaw - self.pick.yaw)
-
-
-@dataclass(frozen=True)
 class Workspace:
     """The rectangle of the table that a height map covers, and the size of its cells (metres).
 

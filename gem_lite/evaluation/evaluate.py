@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
-from tqdm import tqdm
 
-from gem_lite import clip, colors, config, tasks
+from gem_lite import clip, config, tasks
+from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.evaluation import results
+from gem_lite.evaluation import results, workers
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Action, Pose2, angle_bins
-from gem_lite.simulation.world import World, body_at
-from gem_lite.simulation.worlds import WORLDS, WorldStyle
+from gem_lite.se2 import Pose2, angle_bins
+from gem_lite.simulation import worlds
+from gem_lite.simulation.environment import Environment, body_at
+from gem_lite.simulation.world import World
+from gem_lite.simulation.worlds import WorldStyle
 
-CHUNK = 5
-"""Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
-Actor = Callable[[World, Observation, Sequence[Pose2]], Action | None]
+Observations = tuple[Observation, ...]
+Actor = Callable[[Environment, Observations, Sequence[Pose2]], Action | None]
 """Chooses an action, given where the tool has grasped nothing since it last held something.
 
-Only experts look at the world; a policy's actor passes on the observation and the tool's own log."""
+Only experts look at the environment; a policy's actor passes on the observations and the tool's own log."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Episode:
         index: of the episode in its split.
         reward: in [0, 1].
         steps: actions taken.
-        named_colors: the colours that its sentence named, if any.
+        subsets: the sets of episodes, besides all, to which it belongs (`Task.subsets`).
         placed_decisions: actions chosen while a body lay where the sentences want it (`Task.placed`).
         retaken: how many of these picked such a body.
     """
@@ -48,38 +46,42 @@ class Episode:
     index: int
     reward: float
     steps: int
-    named_colors: tuple[str, ...]
+    subsets: tuple[str, ...]
     placed_decisions: int = 0
     retaken: int = 0
 
 
-def run_episode(world: World, actor: Actor, task_name: str, split: tasks.Split, index: int) -> Episode:
+def run_episode(
+    environment: Environment, actor: Actor, task_name: str, split: tasks.Split, index: int
+) -> Episode:  # fmt: skip
     """One episode from reset to done."""
     task = tasks.make(task_name, split)
-    observation = world.reset(task, tasks.episode_seed(split, index))
+    observations = environment.reset(task, tasks.episode_seed(split, index))
     total = 0.0
     done = False
     placed_decisions = 0
     retaken = 0
     empty_picks: list[Pose2] = []
     while not done:
-        action = actor(world, observation, empty_picks)
+        action = actor(environment, observations, empty_picks)
         if action is None:
             break
-        placed = task.placed(world)
+        placed = task.placed(environment)
         placed_decisions += bool(placed)
-        retaken += body_at(world, action.pick) in placed
-        step = world.step(action)
-        empty_picks = [] if step.grasped else [*empty_picks, action.pick]
-        observation = step.observation
+        if isinstance(action, PickPlace):
+            retaken += body_at(environment, environment.tables[action.pick_table] @ action.pick) in placed
+        step = environment.step(action)
+        if isinstance(action, PickPlace):
+            empty_picks = [] if step.grasped else [*empty_picks, action.pick]
+        observations = step.observations
         total += step.reward
         done = step.done
-    return Episode(index, total, world.steps_taken, task.named_colors, placed_decisions, retaken)
+    return Episode(index, total, environment.steps_taken, task.subsets(), placed_decisions, retaken)
 
 
-def expert(world: World, _: Observation | None = None, __: Sequence[Pose2] = ()) -> Action | None:
+def expert(environment: Environment, _: Observations = (), __: Sequence[Pose2] = ()) -> Action | None:
     """The scripted expert; it reads the simulator's truth."""
-    expert_action = world.task.expert(world)
+    expert_action = environment.task.expert(environment)
     return None if expert_action is None else expert_action.action
 
 
@@ -90,31 +92,45 @@ def rounded_expert(settings: Config) -> Actor:
     def nearest(angle: float) -> float:
         return float(bins[round(angle / (2 * np.pi / settings.angles)) % settings.angles])
 
-    def actor(world: World, _: Observation, __: Sequence[Pose2] = ()) -> Action | None:
-        action = expert(world)
-        if action is None:
-            return None
-        pick, place = (workspace.to_world(*workspace.nearest_cell(p.x, p.y)) for p in (action.pick, action.place))
-        yaw = nearest(action.pick.yaw)
-        return Action(Pose2(*pick, yaw), Pose2(*place, yaw + nearest(action.delta)))
+    def in_cell(pose: Pose2, yaw: float) -> Pose2:
+        return Pose2(*workspace.to_world(*workspace.nearest_cell(pose.x, pose.y)), yaw)
+
+    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action | None:
+        match expert(environment):
+            case PickPlace(pick, place) as action:
+                yaw = nearest(pick.yaw)
+                turned = yaw + nearest(action.delta)
+                return replace(action, pick=in_cell(pick, yaw), place=in_cell(place, turned))
+            case Push(start, end) as action:
+                return replace(action, start=in_cell(start, 0.0), end=in_cell(end, 0.0))
+        return None
 
     return actor
 
 
 def random_actor(settings: Config, seed: int) -> Actor:
-    """A pick and a place at uniformly random pixels and angles."""
+    """An action that the tool can do, between uniformly random pixels and angles of the first table."""
     rng, workspace, bins = np.random.default_rng(seed), settings.workspace, angle_bins(settings.angles)
 
     def pose() -> Pose2:
         cell = [rng.integers(length) for length in workspace.shape]
         return Pose2(*workspace.to_world(*cell), float(rng.choice(bins)))
 
-    return lambda world, observation, empty_picks=(): Action(pose(), pose())
+    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action:
+        kind = environment.effector.actions[0]
+        return kind(pose(), pose())
+
+    return actor
 
 
 def policy_actor(policy: PickPlacePolicy) -> Actor:
-    """A policy as an actor: it gets the camera views, the sentence and the tool's log, nothing else."""
-    return lambda world, observation, empty_picks=(): policy.act(observation, world.task.instruction, empty_picks)
+    """A policy as an actor on one table: it gets the camera views, the sentence and the tool's log, nothing else."""
+
+    def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Action:
+        (observation,) = observations
+        return policy.act(observation, environment.task.instruction, empty_picks)
+
+    return actor
 
 
 SCRIPTED = ("expert", "expert-rounded", "random")
@@ -148,24 +164,30 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
     return policy_actor(policy)
 
 
-def style_of(world: str) -> WorldStyle:
-    """The look of the world with a name. Raises ValueError if there is none."""
-    if world not in WORLDS:
-        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
-    return WORLDS[world]
-
-
 def settings_of(task_name: str, split: tasks.Split, settings: Config = config.LITE) -> Config:
     """``settings`` on the table of a task: those of the scripted methods that depend on pixels and angles."""
     return settings.on_table(tasks.make(task_name, split).workspace.length)
 
 
-def _run_chunk(chunk: tuple[str, Config, Path | None, str | None, str, str, tasks.Split, list[int]]) -> list[Episode]:
-    method, settings, checkpoint, clip_name, world_name, task_name, split, indices = chunk
-    torch.set_num_threads(1)
-    actor = make_actor(method, settings, checkpoint, clip_name, seed=indices[0])
-    with World(style=style_of(world_name)) as world:
-        return [run_episode(world, actor, task_name, split, index) for index in indices]
+@dataclass(frozen=True)
+class Job:
+    """A few episodes for one process; see `evaluate` for what the attributes mean."""
+
+    method: str
+    settings: Config
+    checkpoint: Path | None
+    clip_name: str | None
+    style: WorldStyle
+    task_name: str
+    split: tasks.Split
+    indices: range
+
+
+def run_job(job: Job) -> list[Episode]:
+    """The episodes of a job, one after the other in one world."""
+    actor = make_actor(job.method, job.settings, job.checkpoint, job.clip_name, seed=job.indices[0])
+    with World(style=job.style) as world:
+        return [run_episode(world, actor, job.task_name, job.split, index) for index in job.indices]
 
 
 def evaluate(
@@ -175,30 +197,32 @@ def evaluate(
 ) -> list[Episode]:  # fmt: skip
     """Run episodes ``start`` .. ``start + episodes - 1`` of a split in a world, one process a core.
 
+    Method, task and world may come from outside the library, see `workers.run_jobs`.
+
     Raises:
         ValueError: an unknown method, task, split or world, a checkpoint that is not the method's, or no episode.
         FileNotFoundError: no such checkpoint.
     """
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    style_of(world)
+    parts = workers.chunks(start, episodes)
+    style = worlds.style(world)
     settings = settings_of(task_name, split, settings)
     make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors surface here, not in a worker.
-    indices = range(start, start + episodes)
-    chunks = [
-        (method, settings, checkpoint, clip_name, world, task_name, split, list(indices[i : i + CHUNK]))
-        for i in range(0, episodes, CHUNK)
-    ]
-    found: list[Episode] = []
-    with (
-        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
-        tqdm(total=episodes, desc=f"{method} on {task_name}", unit="episode") as bar,
-    ):
-        for part in pool.imap(_run_chunk, chunks):
-            found += part
-            bar.update(len(part))
-            bar.set_postfix(mean=f"{100 * np.mean([e.reward for e in found]):.1f}")
-    return found
+    jobs = [Job(method, settings, checkpoint, clip_name, style, task_name, split, part) for part in parts]
+    label = f"{method} on {task_name}"
+    return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, episodes, processes)
+
+
+def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dict) -> list[dict]:
+    """The rows of a measurement: one over all episodes, and one over each of the task's subsets that occurs.
+
+    Args:
+        facts: the rest of what names a row, see `results.facts_of`.
+    """
+    rows = [results.result_row(method, task_name, episodes, "all", facts)]
+    for subset in dict.fromkeys(name for episode in episodes for name in episode.subsets):
+        members = [episode for episode in episodes if subset in episode.subsets]
+        rows.append(results.result_row(method, task_name, members, subset, facts))
+    return rows
 
 
 def main() -> None:
@@ -212,18 +236,18 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("method", help="see below")
-    parser.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
+    parser.add_argument("task", help=f"one of {', '.join(tasks.names())}")
     parser.add_argument("--checkpoint", type=Path, help="of a learned method: the checkpoint to load")
     parser.add_argument("--episodes", type=int, default=100, help="default 100")
     parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
     parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
     parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
     parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--world", default="home", help=f"one of {', '.join(WORLDS)} (default home)")
+    parser.add_argument("--world", default="home", help=f"one of {', '.join(worlds.names())} (default home)")
     results.add_output(parser)
     args = parser.parse_args()
-    out = results.output(args, results.family(args.task))
     try:
+        out = results.output(args, tasks.family(args.task))
         method, facts = _named(args)
         expected = {"method": method, "task": args.task, "subset": "all", **facts, "episodes": args.episodes}
         results.check_rows([expected], out)  # Before hours of measuring, not after them.
@@ -231,10 +255,7 @@ def main() -> None:
             method, args.task, args.episodes, args.split, args.start,
             checkpoint=args.checkpoint, clip_name=args.clip, processes=args.processes, world=args.world,
         )  # fmt: skip
-        rows = [results.result_row(method, args.task, found, "all", facts)]
-        both_new = [e for e in found if e.named_colors and set(e.named_colors) <= set(colors.NEW)]
-        if both_new:
-            rows.append(results.result_row(method, args.task, both_new, "both named colours new", facts))
+        rows = rows_of(method, args.task, found, facts)
         for row in rows:
             print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
         results.file_rows(rows, out)

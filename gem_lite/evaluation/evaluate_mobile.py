@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
-import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
-from tqdm import tqdm
 
 from gem_lite import clip, tasks
-from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation import results, workers
 from gem_lite.evaluation.results import Cell
 from gem_lite.policies import gem, methods, several_tables
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import tags
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import driving
+from gem_lite.simulation import driving, worlds
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
-from gem_lite.simulation.worlds import WORLDS
+from gem_lite.simulation.worlds import WorldStyle
 
-TASKS = ("object-sorting-seen", "object-sorting-unseen")
+TASKS = tasks.variants("object-sorting")
 IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")
 """What names a row of these results."""
 
@@ -82,8 +79,9 @@ def run_episode(
         task = tasks.make(task_name, split)
         world.begin(task, tasks.episode_seed(split, index))
         choice = choice or several_tables.choose(policy, world.observe(), task.instruction)
+        world.find = condition.finder(np.random.default_rng((index, number)))
         try:
-            step = driving.act(world, choice, condition.finder(np.random.default_rng((index, number))))
+            step = world.step(choice.action)
         except tags.LocalisationError as error:
             errors.append(str(error))
             rewards.append(0.0)
@@ -92,12 +90,25 @@ def run_episode(
     return Outcome(index, tuple(rewards), tuple(errors))
 
 
-def _run_chunk(job: tuple[Path, str | None, str, str, tasks.Split, list[int], list[Condition], int]) -> list[Outcome]:
-    checkpoint, clip_name, world_name, task_name, split, indices, conditions, tables = job
-    torch.set_num_threads(1)
-    policy = load_policy(checkpoint, clip.load(clip_name))
-    with MobileWorld(side_by_side(tables), style=evaluate.style_of(world_name)) as world:
-        return [run_episode(world, policy, task_name, split, index, conditions) for index in indices]
+@dataclass(frozen=True)
+class Job:
+    """A few episodes for one process; see `measure` for what the attributes mean."""
+
+    checkpoint: Path
+    clip_name: str | None
+    style: WorldStyle
+    task_name: str
+    split: tasks.Split
+    indices: range
+    conditions: tuple[Condition, ...]
+    tables: int
+
+
+def run_job(job: Job) -> list[Outcome]:
+    """The episodes of a job, one after the other in one world."""
+    policy = load_policy(job.checkpoint, clip.load(job.clip_name))
+    with MobileWorld(side_by_side(job.tables), style=job.style) as world:
+        return [run_episode(world, policy, job.task_name, job.split, index, job.conditions) for index in job.indices]
 
 
 def measure(
@@ -112,26 +123,12 @@ def measure(
     """
     if task_name not in TASKS:
         raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task_name!r}")
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    parts = workers.chunks(start, episodes)
     tasks.make(task_name, split)
-    evaluate.style_of(world)
+    style = worlds.style(world)
     load_policy(checkpoint, clip.load(clip_name))  # Errors surface here, not in a worker.
-    indices, size = range(start, start + episodes), evaluate.CHUNK
-    jobs = [
-        (checkpoint, clip_name, world, task_name, split, list(indices[i : i + size]), list(conditions), tables)
-        for i in range(0, episodes, size)
-    ]
-    found: list[Outcome] = []
-    with (
-        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(jobs))) as pool,
-        tqdm(total=episodes, desc=task_name, unit="episode") as bar,
-    ):
-        for part in pool.imap(_run_chunk, jobs):
-            found += part
-            bar.update(len(part))
-            bar.set_postfix(mean=f"{100 * np.mean([one.rewards[0] for one in found]):.1f}")
-    return found
+    jobs = [Job(checkpoint, clip_name, style, task_name, split, part, tuple(conditions), tables) for part in parts]
+    return workers.run_jobs(run_job, jobs, lambda outcome: outcome.rewards[0], task_name, episodes, processes)
 
 
 def rows_of(found: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:
@@ -169,12 +166,12 @@ def main() -> None:
     parser.add_argument("--curve", action="store_true", help="also with injected errors of the poses")
     parser.add_argument("--clip", default=str(clip.DATA / "clip-sorting"), help="default: the embedded one for sorting")
     parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--world", default="home", help=f"one of {', '.join(WORLDS)} (default home)")
+    parser.add_argument("--world", default="home", help=f"one of {', '.join(worlds.names())} (default home)")
     results.add_output(parser)
     args = parser.parse_args()
     conditions = [Condition("tags"), Condition("truth"), *(CURVE if args.curve else ())]
     for task in args.tasks:
-        out = results.output(args, results.family(task))
+        out = results.output(args, tasks.family(task))
         try:
             card = read_card(args.checkpoint)
             facts = {

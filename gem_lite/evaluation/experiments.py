@@ -65,7 +65,7 @@ class Experiment:
     @property
     def family(self) -> str:
         """The task's name without the set of its words."""
-        return results.family(self.task)
+        return tasks.family(self.task)
 
     @property
     def name(self) -> str:
@@ -78,9 +78,8 @@ class Experiment:
 
     @property
     def measured_on(self) -> tuple[str, ...]:
-        """The task itself and its unseen variant."""
-        unseen = self.task.replace("-seen", "-unseen")
-        return tuple(name for name in tasks.NAMES if name in (self.task, unseen))
+        """All variants of its task: they differ in the words of test episodes alone."""
+        return tasks.variants(self.family)
 
     @property
     def shipped(self) -> bool:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite import tasks
-from gem_lite.demonstrations import ExpertAction
+from gem_lite.actions import ExpertAction
 from gem_lite.policies.base import Choice, PickPlacePolicy
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation.world import World, body_at
+from gem_lite.simulation.environment import body_at
+from gem_lite.simulation.world import World
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,11 @@ def first_failure(
     lifted: list[str] = []
 
     def note_what_is_lifted(moment: str) -> None:
-        if moment == "picked" and world.gripper.held is not None:
-            lifted.append(task.names[world.gripper.held])
+        if moment == "picked" and world.effector.held is not None:
+            lifted.append(task.names[world.effector.held])
 
-    observation, done = world.reset(task, tasks.episode_seed(split, index)), False
+    (observation,) = world.reset(task, tasks.episode_seed(split, index))
+    done = False
     while not done:
         lifted.clear()
         choice, expert = policy.decide(observation, task.instruction), task.expert(world)
@@ -81,5 +83,6 @@ def first_failure(
             picked = lifted[0] if lifted else found[0]
             why = reason(choice, expert, wanted, (picked, found[1]), step.grasped)
             return Failure(index, world.steps_taken, choice, why)
-        observation, done = step.observation, step.done
+        (observation,) = step.observations
+        done = step.done
     return None

@@ -116,7 +116,7 @@ class Pointing:
 def lay_out_bowls(world: World, seed: int, settings: Config = config.LITE) -> Scene:
     """A put-block-in-bowl scene with its distractors; the instruction's two phrases ask."""
     task = tasks.make("put-block-in-bowl-unseen-colors", "test")
-    views = world.reset(task, seed).views
+    views = world.reset(task, seed)[0].views
     phrases, (block, bowl) = language.parse(task.instruction), task.named_colors
     questions = ((phrases.pick, f"{block} block"), (phrases.place, f"{bowl} bowl"))
     return _scene(world, seed, settings, views, task.names, questions)
@@ -143,13 +143,13 @@ def lay_out_shapes(
         names[world.add(shapes.add_mesh(world.client, mesh, colors.rgba(color), pose)).id] = f"{color} {shape}"
     world.settle()
     asked = rng.choice(list(names.values()), QUESTIONS, replace=False).tolist()
-    return _scene(world, seed, settings, world.observe().views, names, tuple(zip(asked, asked, strict=True)))
+    return _scene(world, seed, settings, world.observe()[0].views, names, tuple(zip(asked, asked, strict=True)))
 
 
 def lay_out_packing(world: World, task_name: str, index: int, settings: Config = config.LITE) -> Scene:
     """Test episode ``index`` of one of the `PACKING` tasks, as it begins; the pick's phrase asks for its piece."""
     task, seed = tasks.make(task_name, "test"), tasks.episode_seed("test", index)
-    views = world.reset(task, seed).views
+    views = world.reset(task, seed)[0].views
     phrase = language.parse(task.instruction).pick
     wanted = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
     return _scene(world, seed, settings, views, task.names, ((phrase, wanted),))
@@ -370,7 +370,7 @@ def main() -> None:
         facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
         facts |= {"world": "home"}
         if args.task:
-            out = results.output(args, results.family(args.task))
+            out = results.output(args, tasks.family(args.task))
             facts |= {"split": "test", "start": 0}
             expected = {"method": METHOD, "task": args.task, "subset": "all", **facts, "episodes": args.scenes}
             results.check_rows([expected], out)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gem_lite import clip
+from gem_lite import clip, tasks
 from gem_lite.config import LITE, Config
 from gem_lite.evaluation import statistics
 from gem_lite.files import read_json, write_whole
@@ -26,7 +25,7 @@ RESULTS = clip.DATA / "results"
 RUNS = Path("runs/results")
 """Rows of runs that nobody asked to file."""
 OLD_CAMERA = "home, old camera"
-"""The world of rows that were measured while `View.points` was half a pixel off. No world of `WORLDS` has the name."""
+"""The world of rows that were measured while `View.points` was half a pixel off. No registered world has the name."""
 TRAINING = ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware", "data_sha256", "demonstrations_world")
 """What a row holds of a checkpoint's card as it is; None for what is not trained or what an old card lacks."""
 IDENTITY = (
@@ -85,14 +84,9 @@ def result_row(method: str, task_name: str, found: Sequence[Episode], subset: st
     return named | facts | counted | scored({episode.index: episode.reward for episode in found})
 
 
-def family(task_name: str) -> str:
-    """A task's name without the set of its words: seen and unseen sets have their rows in one file."""
-    return re.sub("-(un)?seen(-colors)?$", "", task_name)
-
-
 def results_file(task_name: str) -> Path:
-    """Where a task's rows are filed."""
-    return RESULTS / f"{family(task_name)}.jsonl"
+    """Where the rows of a task's family are filed. Raises ValueError if no task has the name."""
+    return RESULTS / f"{tasks.family(task_name)}.jsonl"
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -257,7 +251,7 @@ def cell(
         demos: demonstrations it was trained on; None for what is not trained.
         episodes: only the first so many, to compare with a cell that has fewer.
         steps: of its training.
-        world: where it was measured: a name in `WORLDS`, or `OLD_CAMERA`.
+        world: where it was measured: a world's name, or `OLD_CAMERA`.
         more: other entries of the rows with their values, such as ``demonstrations_world="varied"``, where rows
             differ in more than the training seed.
 

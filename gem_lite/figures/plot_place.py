@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
+from gem_lite.actions import PickPlace
 from gem_lite.figures.plot_kernels import SIGNED
 from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.rgbd.heightmap import HeightMap
-from gem_lite.se2 import Action, Pose2
+from gem_lite.se2 import Pose2
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Shown:
 
     title: str
     heightmap: HeightMap
-    action: Action
+    action: PickPlace
     logits: np.ndarray | None = None
 
 

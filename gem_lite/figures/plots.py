@@ -10,13 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gem_lite.demonstrations import GripperState
+from gem_lite.actions import GripperState, PickPlace
 from gem_lite.policies.gem import Decision
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
-from gem_lite.se2 import Action, Pose2, Workspace, rotation_matrix
-from gem_lite.simulation.gripper import LOG_EVERY
-from gem_lite.simulation.world import RATE
+from gem_lite.se2 import Pose2, Workspace, rotation_matrix
+from gem_lite.simulation.floating_tool import LOG_EVERY, RATE
 
 PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
 """The paper's colours of the two grippers (Fig. 1), the only ones for pick and place in any figure."""
@@ -52,7 +51,7 @@ def show_views(views: Sequence[View]) -> Figure:
     return fig
 
 
-def show_heightmap(heightmap: HeightMap, action: Action | None = None, title: str = "") -> Figure:
+def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title: str = "") -> Figure:
     """The height map's colours and heights from above, with axes in metres, and the grippers of an action."""
     w = heightmap.workspace
     rows, cols = w.shape

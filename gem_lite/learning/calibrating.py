@@ -34,7 +34,7 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
     with World() as world:
         for index in range(count):
             task = tasks.make("put-block-in-bowl-seen-colors", "val")
-            views = world.reset(task, tasks.episode_seed("val", index)).views
+            views = world.reset(task, tasks.episode_seed("val", index))[0].views
             phrases, action = language.parse(task.instruction), task.expert(world).action
             yield NamedScene(views, ((phrases.pick, action.pick), (phrases.place, action.place)))
 

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 
 from tqdm import tqdm
 
 from gem_lite import demonstrations, language, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
+from gem_lite.simulation import worlds
+from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import WORLDS
 
 
-def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> Demonstration:
-    """Let the expert do episode ``index`` of a split."""
-    task, seed = tasks.make(task_name, split), tasks.episode_seed(split, index)
-    observation = world.reset(task, seed)
+def roll_out(environment: Environment, task_name: str, split: tasks.Split, index: int) -> Demonstration:
+    """Let the expert do episode ``index`` of a split, on one table.
+
+    Raises:
+        ValueError: unknown task or split, or more than one table.
+    """
+    task = tasks.make(task_name, split)
+    seed = tasks.episode_seed(split, index)
+    (observation,) = environment.reset(task, seed)
     steps = []
     for _ in range(task.max_steps):
-        expert = task.expert(world)
+        expert = task.expert(environment)
         if expert is None:
             break
         instruction = task.instruction  # the step may bring the next one
-        result = world.step(expert.action)
+        result = environment.step(expert.action)
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
@@ -32,10 +37,10 @@ def roll_out(world: World, task_name: str, split: tasks.Split, index: int) -> De
                 demonstrations.unpack(demonstrations.pack(result.trace)), result.reward,
             )
         )  # fmt: skip
-        observation = result.observation
+        (observation,) = result.observations
         if result.done:
             break
-    return Demonstration(task_name, split, seed, tuple(steps))
+    return Demonstration(task_name, split, seed, tuple(steps), environment.style.name)
 
 
 def collect(
@@ -48,7 +53,7 @@ def collect(
 
     Args:
         start: the index in the split of the first episode to try.
-        world: how the world looks, one of `gem_lite.simulation.worlds.WORLDS`.
+        world: how the world looks, see `gem_lite.simulation.worlds.style`.
 
     Raises:
         ValueError: unknown task, split or world, ``episodes`` below 1, or ``folder`` holds another set.
@@ -56,8 +61,7 @@ def collect(
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    if world not in WORLDS:
-        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
+    style = worlds.style(world)
     tasks.make(task_name, split)
     folder = Path(folder)
     facts = {"task": task_name, "split": split, "world": world, "start": start}
@@ -66,9 +70,9 @@ def collect(
     if (folder / "manifest.json").exists():
         files, index = _begun(folder, facts)
     label = f"{task_name} ({split})"
-    with World(style=WORLDS[world]) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
+    with World(style=style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
         while len(files) < episodes:
-            demonstration = dataclasses.replace(roll_out(table, task_name, split, index), world=world)
+            demonstration = roll_out(table, task_name, split, index)
             index += 1
             if sum(step.reward for step in demonstration.steps) > 0.99:
                 files |= demonstrations.write_episode(folder, len(files), demonstration)
@@ -76,10 +80,14 @@ def collect(
                 bar.update()
             else:
                 bar.write(f"episode {index - 1}: the expert failed, skipped")
-                failed = index - start - len(files)
-                if failed >= 20 and failed > len(files):
-                    raise RuntimeError(f"the expert failed in {failed} of {index - start} episodes of {task_name}")
+                _check_failures(index - start, len(files), task_name)
     return demonstrations.load(folder)[:episodes]
+
+
+def _check_failures(tried: int, succeeded: int, task_name: str) -> None:
+    failed = tried - succeeded
+    if failed >= 20 and failed > succeeded:
+        raise RuntimeError(f"the expert failed in {failed} of {tried} episodes of {task_name}")
 
 
 def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
@@ -99,11 +107,11 @@ def main() -> None:
     )
     commands = parser.add_subparsers(dest="command", required=True)
     collecting = commands.add_parser("collect", help="let the expert do episodes and save them")
-    collecting.add_argument("task", help=f"one of {', '.join(tasks.NAMES)}")
+    collecting.add_argument("task", help=f"one of {', '.join(tasks.names())}")
     collecting.add_argument("folder", type=Path, help="where to save them")
     collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
     collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
-    collecting.add_argument("--world", default="home", choices=list(WORLDS), help="how it looks (default home)")
+    collecting.add_argument("--world", default="home", choices=worlds.names(), help="how it looks (default home)")
     verifying = commands.add_parser("verify", help="load a set and check every file's sum")
     verifying.add_argument("folder", type=Path)
     args = parser.parse_args()

@@ -15,8 +15,9 @@ import safetensors.numpy
 import torch
 from safetensors import SafetensorError, safe_open
 
+from gem_lite.actions import GripperState
 from gem_lite.clip import Clip
-from gem_lite.demonstrations import Demonstration, GripperState
+from gem_lite.demonstrations import Demonstration
 from gem_lite.files import write_whole
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace

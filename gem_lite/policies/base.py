@@ -18,6 +18,7 @@ from torch import nn
 from tqdm import trange
 
 from gem_lite import language
+from gem_lite.actions import PickPlace
 from gem_lite.clip import Clip
 from gem_lite.config import ABLATIONS, Config
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
@@ -26,7 +27,7 @@ from gem_lite.policies.samples import Inputs, PreparedStep, Sample, collate, cro
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Action, Pose2, angle_bins
+from gem_lite.se2 import Pose2, angle_bins
 
 
 def numbered_steps(demos: Sequence[Demonstration], label: str = "scenes") -> Iterator[tuple[int, DemonstrationStep]]:
@@ -67,7 +68,7 @@ class Choice:
     place_logits: np.ndarray
     pick_cell: tuple[int, int, int]
     place_cell: tuple[int, int, int]
-    action: Action
+    action: PickPlace
 
 
 class Scene(Protocol):
@@ -190,7 +191,7 @@ class PickPlacePolicy(ABC):
         """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
         return ~near_any(empty_picks, self.config)
 
-    def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Action:
+    def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> PickPlace:
         """One pick and place.
 
         Args:
@@ -228,7 +229,7 @@ class PickPlacePolicy(ABC):
         place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
         return Choice(
             instruction, phrases, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
-            Action(pick, place),
+            PickPlace(pick, place),
         )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from gem_lite import language
+from gem_lite.actions import PickPlace
 from gem_lite.policies import gem
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.gem import ActionModule
@@ -71,6 +72,11 @@ class MobileChoice:
     pick: Pose2
     place_table: int
     place: Pose2
+
+    @property
+    def action(self) -> PickPlace:
+        """What to do."""
+        return PickPlace(self.pick, self.place, self.pick_table, self.place_table)
 
 
 def check_policy(policy: PickPlacePolicy) -> gem.Policy:

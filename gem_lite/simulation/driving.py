@@ -1,13 +1,18 @@
-"""The mobile base at work: drive to a table, find its frame by its tag, pick; drive on, place (A.12)."""
+"""How a mobile base finds a table: it drives there and looks at the tag (A.12), or asks the simulator."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from gem_lite.policies.several_tables import MobileChoice
 from gem_lite.rgbd.tags import LocalisationError, table_in_base
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.mobile_world import MobileStep, MobileWorld
+
+if TYPE_CHECKING:
+    from gem_lite.simulation.mobile_world import MobileWorld
+
+Finder = Callable[["MobileWorld", int], Pose2]
+"""Drives to a table and says where its frame is in the base's."""
 
 SIDESTEPS = (0.0, 0.15, -0.15)
 """Where along a table's edge (m) the robot looks for its tag, one place after the other."""
@@ -29,10 +34,6 @@ def localise(world: MobileWorld, table: int) -> Pose2:
     raise LocalisationError(f"table {table} cannot be localised; " + "; ".join(said))
 
 
-Finder = Callable[[MobileWorld, int], Pose2]
-"""Drives to a table and says where its frame is in the base's."""
-
-
 def by_truth(world: MobileWorld, table: int) -> Pose2:
     """A `Finder` that asks the simulator: for comparisons."""
     world.drive(table)
@@ -48,20 +49,3 @@ def disturbed(find: Finder, error: Pose2) -> Finder:
         return find(world, table) @ middle @ error @ middle.inverse()
 
     return wrong
-
-
-def act(world: MobileWorld, choice: MobileChoice, find: Finder = localise) -> MobileStep:
-    """Carry out a choice: drive, localise, pick; drive, localise, place. Nothing is done at a table not localised.
-
-    Raises:
-        LocalisationError: a table was not found.
-        ValueError: a pose lies outside the workspace.
-    """
-    world.check("choice.pick", choice.pick)
-    world.check("choice.place", choice.place)
-    table = find(world, choice.pick_table)
-    if world.pick(table @ choice.pick):
-        if choice.place_table != choice.pick_table:
-            table = find(world, choice.place_table)
-        world.place(table @ choice.place)
-    return world.finish()

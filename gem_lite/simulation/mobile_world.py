@@ -1,7 +1,7 @@
 """Several tables and a mobile base that drives between them, looks at their tags and reaches over them.
 
 The base stands in for Spot (A.12): a box on four legs with a camera on a mast, only seen, never touched; its
-arm is the floating tool of `gripper`. What the robot believes (where its camera sits) and what is true differ
+arm is the floating tool of `effectors`. What the robot believes (where its camera sits) and what is true differ
 by the errors of `RobotBody`. All that it is told to do, it does in the frame of its own base.
 """
 
@@ -15,17 +15,19 @@ import numpy as np
 import pybullet as p
 import trimesh
 from scipy.spatial.transform import Rotation
+from typing_extensions import override
 
-from gem_lite.demonstrations import GripperState
 from gem_lite.rgbd.camera import Camera, View, as_pose, looking
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation import tag_plates
-from gem_lite.simulation.gripper import CLEARANCE
+from gem_lite.simulation.driving import Finder, localise
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.floating_tool import CLEARANCE
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.simulation.shapes import create_compound, create_visual
 from gem_lite.simulation.task import Task
-from gem_lite.simulation.world import Simulation
+from gem_lite.simulation.worlds import HOME as HOME_STYLE
 from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
 
 TABLE_HEIGHT = 0.7
@@ -75,17 +77,7 @@ def side_by_side(count: int, gap: float = 0.4, length: float = 1.06) -> tuple[Po
     return tuple(Pose2(0.0, i * (length + gap)) for i in range(count))
 
 
-@dataclass(frozen=True)
-class MobileStep:
-    """What an act over several tables led to: see `world.Step`."""
-
-    reward: float
-    done: bool
-    grasped: bool
-    trace: tuple[GripperState, ...]
-
-
-class MobileWorld(Simulation):
+class MobileWorld(Environment):
     """Several tables, each with three cameras and a tag, and the base.
 
     Table i carries the tag with number i. A table's frame is that of a `World` with this table alone. A task that
@@ -94,6 +86,8 @@ class MobileWorld(Simulation):
     Args:
         tables: where the tables' frames are in the world. The first is the world's frame.
         body: the robot's body and its errors.
+        find: drives the robot to a table and says where the table's frame is in the base's. `step` raises what it
+            raises (`localise`: LocalisationError), and an episode ends there. It may be set between episodes.
         style: how scenes look and lie.
 
     Raises:
@@ -101,22 +95,24 @@ class MobileWorld(Simulation):
     """
 
     def __init__(
-        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False,
-        style: WorldStyle = WorldStyle(),
+        self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), find: Finder = localise,
+        gui: bool = False, style: WorldStyle = HOME_STYLE,
     ) -> None:  # fmt: skip
         super().__init__(gui, style)
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
         if tables[0] != Pose2(0.0, 0.0):
             raise ValueError(f"tables[0] must be the world's frame, {Pose2(0.0, 0.0)}, got {tables[0]}")
-        self.tables, self.body = tuple(tables), body
+        self.tables = tuple(tables)
+        self.body = body
+        self.find = find
         self.tags = tuple(range(len(self.tables)))
         self.base = self.tables[0] @ HOME
         over = self.base @ CARRY
         self.parked = (over.x, over.y, CLEARANCE)
 
+    @override
     def furnish(self) -> None:
-        """See `Simulation`."""
         w = self.workspace
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2)
         for table, number in zip(self.tables, self.tags, strict=True):
@@ -135,24 +131,23 @@ class MobileWorld(Simulation):
         w = self.workspace
         return Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
 
+    @override
     def begin(self, task: Task, seed: int) -> None:
-        """Lay out an episode of ``task``; everything random in it comes from ``seed``."""
         self._rng = np.random.default_rng((seed, len(self.tables)))
         super().begin(task, seed)
-        self._grasped = False
 
-    def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
-        """`begin`, and look at it."""
-        self.begin(task, seed)
-        return self.observe()
-
+    @override
     def observe(self) -> tuple[Observation, ...]:
-        """What the three cameras of each table see, in that table's own frame."""
         cameras = cameras_around(self.workspace)
         light = self.style.light
         return tuple(
             Observation(tuple(take(self.client, camera, table, light) for camera in cameras)) for table in self.tables
         )
+
+    @override
+    def reach(self, table: int) -> Pose2:
+        """Drive to a table and find it, see `find`. Raises what that raises."""
+        return self.find(self, table)
 
     def photograph(self) -> np.ndarray:
         """(H, W, 3) uint8: tables and robot from outside, for figures."""
@@ -177,7 +172,7 @@ class MobileWorld(Simulation):
         meant = Pose2(w.x_max + STAND, (w.y_min + w.y_max) / 2 + sideways, math.pi)
         missed = Pose2(*self._rng.normal(0, shift, 2), self._rng.normal(0, turn))
         self._move_base(self.tables[table] @ meant @ missed)
-        self.gripper.carry(self.base @ CARRY)
+        self.effector.carry(self.base @ CARRY)
 
     def look(self) -> View:
         """What the body camera sees, in the base's frame and as if the camera were where the robot believes."""
@@ -189,21 +184,10 @@ class MobileWorld(Simulation):
         """A table's frame in the base's, from the simulator's truth: for comparisons, no robot knows it."""
         return self.base.inverse() @ self.tables[table]
 
-    def pick(self, pose: Pose2) -> bool:
-        """Reach for a pose in the base's frame. True if something is held."""
-        self.gripper.trace.clear()
-        self._grasped = self.gripper.pick(self.base @ pose, self.movable)
-        return self._grasped
-
-    def place(self, pose: Pose2) -> None:
-        """Put what is held at a pose in the base's frame."""
-        self.gripper.place(self.base @ pose)
-
-    def finish(self) -> MobileStep:
-        """Drive home and `conclude`: the next `observe` shows what the act led to."""
+    @override
+    def conclude(self) -> tuple[float, bool]:
         self._move_base(self.tables[0] @ HOME)
-        reward, done = self.conclude()
-        return MobileStep(reward, done, self._grasped, tuple(self.gripper.trace))
+        return super().conclude()
 
     def _move_base(self, pose: Pose2) -> None:
         self.base = pose

@@ -10,7 +10,6 @@ import trimesh
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.shapes import Body, create_body, create_visual
-from gem_lite.simulation.world import World
 
 WALL = 0.002
 """Thickness (m) of walls and floors, as in CLIPort."""
@@ -56,15 +55,6 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
         ((low - t, low), (low, high)),  # left of it
     ]
     return _add_boxes(client, floor + [((*a, 0), (*b, h)) for a, b in walls], color, pose)
-
-
-def in_container(
-    world: World, container: Body, size: tuple[float, float], body: Body, height: float = CONTAINER_HEIGHT
-) -> bool:  # fmt: skip
-    """Whether a body's centre is inside a container of `add_container`: between its walls and below their rim."""
-    pose, z = world.pose(body)
-    off = world.pose(container)[0].inverse() @ pose
-    return abs(off.x) < size[0] / 2 and abs(off.y) < size[1] / 2 and z < height
 
 
 def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:

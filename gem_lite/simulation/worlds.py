@@ -1,10 +1,14 @@
-"""Worlds by name: what may differ between scenes of the same task, such as light, floor, containers and spacing."""
+"""Worlds by name: what may differ between scenes of the same task, such as light, floor, containers and spacing.
+
+A new world is `WorldStyle` with other values and a name of its own, and `register`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from gem_lite import colors
+from gem_lite.registry import Registry
 from gem_lite.simulation.rendering import LIGHT, Light
 from gem_lite.simulation.shapes import BOWL, BowlProfile
 
@@ -56,17 +60,35 @@ VARIED = WorldStyle(
     "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
     plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
 )  # fmt: skip
-WORLDS = {
-    style.name: style
-    for style in (
-        HOME,
-        VARIED,
-        replace(VARIED, name="crowded", touching=0.5),
-        WorldStyle("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
-        WorldStyle("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
-        WorldStyle("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
-        WorldStyle("touching", touching=0.6),
-        WorldStyle("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
-    )
-}  # fmt: skip
+WORLDS: Registry[WorldStyle] = Registry("world")
 """Every world by its name. Demonstrations come from "home", "varied" or "crowded"; the others only test."""
+
+
+def register(world: WorldStyle) -> WorldStyle:
+    """Add a world under its name, and return it. Raises ValueError if there is another one of that name."""
+    if world.name in WORLDS.names() and style(world.name) != world:
+        raise ValueError(f"world.name must be new: there is another world named {world.name!r}")
+    return WORLDS.add(world.name, world)
+
+
+def style(name: str) -> WorldStyle:
+    """The world with a name. Raises ValueError with the nearest names if there is none."""
+    return WORLDS.find(name)
+
+
+def names() -> tuple[str, ...]:
+    """The names of all worlds."""
+    return WORLDS.names()
+
+
+for _world in (
+    HOME,
+    VARIED,
+    replace(VARIED, name="crowded", touching=0.5),
+    WorldStyle("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
+    WorldStyle("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
+    WorldStyle("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
+    WorldStyle("touching", touching=0.6),
+    WorldStyle("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
+):
+    register(_world)

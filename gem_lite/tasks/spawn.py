@@ -1,4 +1,4 @@
-"""Random free places on the table."""
+"""Random free places on the table, and the brown box that several families put there."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ import math
 
 import numpy as np
 
+from gem_lite import colors
 from gem_lite.se2 import Pose2, Workspace
+from gem_lite.simulation import trays
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.goals import ZoneMetric
+from gem_lite.simulation.shapes import Body
 from gem_lite.simulation.worlds import HOME, WorldStyle
 
 TRIES = 1000
@@ -14,6 +19,10 @@ GAP = 0.015
 """Free space (m) round every body."""
 CONTACT = 0.001
 """Free space (m) between bodies that are put against each other: one picture shows none, and nothing is pushed."""
+
+
+class TableFullError(RuntimeError):
+    """A body that a scene needs finds no free place."""
 
 
 class FreeSpace:
@@ -54,10 +63,10 @@ class FreeSpace:
         return int(self._choices.integers(count))
 
     def take(self, radius: float, side: float | None = None) -> Pose2:
-        """Like `sample`, for a body that the scene needs. Raises RuntimeError if there is no free place."""
+        """Like `sample`, for a body that the scene needs. Raises TableFullError if there is no free place."""
         pose = self.sample(radius, side)
         if pose is None:
-            raise RuntimeError(f"the table has no free place for a body of radius {radius} m")
+            raise TableFullError(f"the table has no free place for a body of radius {radius} m")
         return pose
 
     def _anywhere(self, radius: float, at_edge: bool) -> Pose2 | None:
@@ -92,3 +101,22 @@ class FreeSpace:
             index == beside or np.hypot(x - pose.x, y - pose.y) >= radius + other + self._gap
             for index, (pose, other, _) in enumerate(self._taken)
         )
+
+
+def put_brown_box(
+    environment: Environment, rng: np.random.Generator, free: FreeSpace, sides: tuple[float, float]
+) -> tuple[Body, ZoneMetric]:
+    """Put a fixed brown box, open on top, on a free place.
+
+    Args:
+        sides: its two sides (m) are drawn from this range, each for itself.
+
+    Returns:
+        The box, and what says whether a body is inside: between its walls and below their rim.
+    """
+    x, y = rng.uniform(*sides, 2).tolist()
+    heights = environment.style.box_heights
+    height = heights[free.choose(len(heights))]
+    pose = free.take(math.hypot(x, y) / 2)
+    box = environment.add(trays.add_container(environment.client, (x, y), colors.rgba("brown"), pose, height))
+    return box, ZoneMetric((x, y), height)

@@ -1,0 +1,64 @@
+"""Episodes on several processes, a few in a row on each."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from gem_lite import registry
+
+CHUNK = 5
+"""Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+
+
+def chunks(start: int, episodes: int) -> list[range]:
+    """The indices ``start`` .. ``start + episodes - 1`` in groups of `CHUNK`. Raises ValueError below 1 episode."""
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    indices = range(start, start + episodes)
+    return [indices[i : i + CHUNK] for i in range(0, episodes, CHUNK)]
+
+
+def run_jobs(
+    run: Callable[[Job], list[Outcome]], jobs: Sequence[Job], reward: Callable[[Outcome], float], label: str,
+    episodes: int, processes: int | None = None,
+) -> list[Outcome]:  # fmt: skip
+    """The outcomes of all jobs, in their order, with a bar of progress.
+
+    Each process first imports every module that has registered something here (`registry.modules`), so that it knows
+    tasks, methods and tools from outside the library, too. What a notebook's own cell registers is in no module: the
+    processes do not know it.
+
+    Args:
+        run: does one job; a function of a module.
+        jobs: what it is given, each a part of the episodes.
+        reward: of an outcome, for the running mean.
+        label: of the bar.
+        episodes: how many there are in all.
+        processes: how many run at once; one a core unless given.
+    """
+    count = min(processes or os.cpu_count() or 1, len(jobs))
+    spawning = multiprocessing.get_context("spawn")
+    outcomes: list[Outcome] = []
+    with (
+        spawning.Pool(count, _start, (registry.modules(),)) as pool,
+        tqdm(total=episodes, desc=label, unit="episode") as bar,
+    ):
+        for part in pool.imap(run, jobs):
+            outcomes += part
+            bar.update(len(part))
+            bar.set_postfix(mean=f"{100 * np.mean([reward(outcome) for outcome in outcomes]):.1f}")
+    return outcomes
+
+
+def _start(modules: tuple[str, ...]) -> None:
+    torch.set_num_threads(1)
+    registry.load(modules)

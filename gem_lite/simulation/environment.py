@@ -1,0 +1,276 @@
+"""What all simulated environments share: reset a task, observe its tables with three cameras each, act on them."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import pybullet as p
+
+from gem_lite.actions import Action, GripperState, PickPlace, Push
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Pose2, Workspace, quaternion
+from gem_lite.simulation.effectors import EFFECTORS, Effector
+from gem_lite.simulation.floating_tool import PARKED, RATE
+from gem_lite.simulation.shapes import Body
+from gem_lite.simulation.task import Task
+from gem_lite.simulation.worlds import HOME, RGBA, WorldStyle
+
+SETTLE_STEPS = 4800
+"""Budget for the scene to come to rest, in simulation steps."""
+SETTLED_SPEED = 0.005
+"""A body slower than this (m/s) is at rest, as in CLIPort."""
+Watch = Callable[[str], None]
+"""Called with the name of a moment of an action: "picked", "pushed" or "placed", for pictures."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What an action led to.
+
+    Attributes:
+        observations: one a table, after the action.
+        reward: the change of the task's score, in [-1, 1].
+        done: whether the episode is over.
+        grasped: whether the tool held something; never in a push.
+        trace: what the tool logged of itself.
+    """
+
+    observations: tuple[Observation, ...]
+    reward: float
+    done: bool
+    grasped: bool
+    trace: tuple[GripperState, ...]
+
+
+class Environment(ABC):
+    """Bodies, a tool and a task on one or several tables, in a physics client of its own.
+
+    Use as a context manager, or call `close`.
+
+    Attributes:
+        workspace: what actions may touch of a table, in the table's own frame.
+        tables: where the tables' frames are in the world.
+        base: where the tool's base is in the world.
+        parked: where the tool waits (m).
+        effector: the tool, which the task chooses.
+
+    Args:
+        gui: open PyBullet's window; headless by default.
+        style: how scenes look and lie.
+    """
+
+    tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
+    base: Pose2 = Pose2(0.0, 0.0)
+    parked: tuple[float, float, float] = PARKED
+
+    def __init__(self, gui: bool = False, style: WorldStyle = HOME) -> None:
+        self.style = style
+        self.workspace = Workspace()
+        self.client = p.connect(p.GUI if gui else p.DIRECT)
+        self.bodies: list[Body] = []
+        self.steps_taken = 0
+        self.effector: Effector
+        self._task: Task | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect the physics client. Safe to call twice."""
+        if self.client >= 0:
+            p.disconnect(self.client)
+            self.client = -1
+
+    # Episodes
+
+    @property
+    def task(self) -> Task:
+        """The task of the last `reset`. Raises RuntimeError before it."""
+        if self._task is None:
+            raise RuntimeError("the world has no task yet: call world.reset(task, seed) first")
+        return self._task
+
+    def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
+        """Lay out an episode of ``task`` and look at it; everything random in it comes from ``seed``."""
+        self.begin(task, seed)
+        return self.observe()
+
+    def begin(self, task: Task, seed: int) -> None:
+        """`reset` without pictures."""
+        self.workspace = task.workspace
+        self.clear(task.effector)
+        self._task = task
+        self.steps_taken = 0
+        task.reset(self, np.random.default_rng(seed), seed)
+        self.settle()
+        self._score = task.score(self)
+
+    @abstractmethod
+    def observe(self) -> tuple[Observation, ...]:
+        """What the three cameras of each table see, in that table's own frame."""
+
+    def step(self, action: Action, watch: Watch | None = None) -> Step:
+        """Carry out an action, and score what it led to.
+
+        Args:
+            action: what the task's tool can do, each pose in the frame of its table.
+            watch: called at the moments of the action.
+
+        Raises:
+            ValueError: see `check`; then nothing has moved.
+            RuntimeError: there is no task yet.
+        """
+        self.check(action)
+        watch = watch or (lambda moment: None)
+        grasped = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
+        reward, done = self.conclude()
+        watch("placed")
+        return Step(self.observe(), reward, done, grasped, tuple(self.effector.trace))
+
+    def check(self, action: Action) -> None:
+        """Refuse an action that cannot be carried out.
+
+        Raises:
+            ValueError: it is not for the task's tool; a table that is not there; a pose outside the workspace; a yaw
+                that is not finite; a push that goes nowhere.
+            RuntimeError: there is no task yet.
+        """
+        workspace = self.task.workspace
+        self.effector.check(action)
+        if isinstance(action, Push):
+            tables = {"table": action.table}
+            poses = {"start": action.start, "end": action.end}
+        else:
+            tables = {"pick_table": action.pick_table, "place_table": action.place_table}
+            poses = {"pick": action.pick, "place": action.place}
+        for name, number in tables.items():
+            if not 0 <= number < len(self.tables):
+                raise ValueError(f"action.{name} must be in [0, {len(self.tables)}), got {number}")
+        for name, pose in poses.items():
+            if not workspace.contains(pose.x, pose.y):
+                raise ValueError(f"action.{name} = {pose} lies outside the workspace {workspace}")
+            if not math.isfinite(pose.yaw):
+                raise ValueError(f"action.{name} = {pose} has a yaw that is not a finite number of radians")
+        if isinstance(action, Push) and (action.start.x, action.start.y) == (action.end.x, action.end.y):
+            raise ValueError(f"action.start and action.end must be different places, got {action.start} twice")
+
+    @abstractmethod
+    def reach(self, table: int) -> Pose2:
+        """Bring the tool's base before a table.
+
+        Returns:
+            The table's frame in the base's, as the robot believes.
+        """
+
+    def _pick_and_place(self, action: PickPlace, watch: Watch) -> bool:
+        frame = self.reach(action.pick_table)
+        self.effector.trace.clear()
+        grasped = self.effector.pick(self.base @ (frame @ action.pick), self.movable)
+        watch("picked")
+        if grasped:
+            if action.place_table != action.pick_table:
+                frame = self.reach(action.place_table)
+            self.effector.place(self.base @ (frame @ action.place))
+        return grasped
+
+    def _push(self, action: Push, watch: Watch) -> bool:
+        frame = self.reach(action.table)
+        self.effector.trace.clear()
+        self.effector.push(self.base @ (frame @ action.start), self.base @ (frame @ action.end))
+        watch("pushed")
+        return False
+
+    def conclude(self) -> tuple[float, bool]:
+        """End an action: park the tool, settle, score; then the task may go on to its next sentence.
+
+        Returns:
+            The change of the task's score since the last action, in [-1, 1], and whether the episode is over.
+        """
+        self.effector.park()
+        self.settle()
+        self.steps_taken += 1
+        before = self._score
+        self._score = self.task.score(self)
+        self.task.advance(self)
+        done = self._score > 0.99 or self.steps_taken >= self.task.max_steps
+        return self._score - before, done
+
+    # The scene
+
+    @abstractmethod
+    def furnish(self) -> None:
+        """Put up tables and floor."""
+
+    def clear(self, effector: str = "suction") -> None:
+        """Empty the world but for tables, floor and a tool. Raises ValueError if no tool has the name."""
+        make_effector = EFFECTORS.find(effector)
+        p.resetSimulation(physicsClientId=self.client)
+        p.setGravity(0, 0, -9.8, physicsClientId=self.client)
+        p.setTimeStep(1 / RATE, physicsClientId=self.client)
+        self.bodies = []
+        self.furnish()
+        self.effector = make_effector(self.client, self.parked)
+
+    def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> None:
+        """A fixed box with its upper face at the height ``top``; one that is not solid is only seen."""
+        common = dict(halfExtents=half, physicsClientId=self.client)
+        visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
+        collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
+        at = (pose.x, pose.y, top - half[2])
+        body = p.createMultiBody(0, collision, visual, at, quaternion(pose.yaw), physicsClientId=self.client)
+        p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
+
+    def add(self, body: Body) -> Body:
+        """Register a body that was made in this world's client."""
+        self.bodies.append(body)
+        return body
+
+    @property
+    def movable(self) -> set[int]:
+        """The ids of all bodies that can be moved."""
+        return {body.id for body in self.bodies if body.movable}
+
+    def pose(self, body: Body) -> tuple[Pose2, float]:
+        """Ground truth for experts, rewards and tests: planar pose in the world and the height z of the origin."""
+        (x, y, z), quat = p.getBasePositionAndOrientation(body.id, physicsClientId=self.client)
+        return Pose2(x, y, p.getEulerFromQuaternion(quat)[2]), z
+
+    def on_table(self, pose: Pose2) -> tuple[Pose2, int]:
+        """A pose in the world as actions need it: in the frame of the table that it lies on, and that table's number.
+
+        A pose beside all tables is told in the frame of the first.
+        """
+        for number, table in enumerate(self.tables):
+            local = table.inverse() @ pose
+            if self.workspace.contains(local.x, local.y):
+                return local, number
+        return self.tables[0].inverse() @ pose, 0
+
+    def settle(self) -> bool:
+        """Simulate until every movable body rests, within a budget of steps. True if all rest."""
+        for _ in range(SETTLE_STEPS // 10):
+            for _ in range(10):
+                p.stepSimulation(physicsClientId=self.client)
+            speeds = [p.getBaseVelocity(body, physicsClientId=self.client)[0] for body in self.movable]
+            if all(np.linalg.norm(speed) < SETTLED_SPEED for speed in speeds):
+                return True
+        return False
+
+    def wait(self, seconds: float) -> None:
+        """Simulate for so long, whatever moves: what slowly begins to fall seems to `settle` to rest."""
+        for _ in range(round(RATE * seconds)):
+            p.stepSimulation(physicsClientId=self.client)
+
+
+def body_at(environment: Environment, pose: Pose2) -> int:
+    """The id of the body that lies topmost at a pose in the world, -1 if none: the simulator's truth."""
+    hit, *_ = p.rayTest((pose.x, pose.y, 0.5), (pose.x, pose.y, -0.01), physicsClientId=environment.client)
+    return hit[0]

@@ -1,0 +1,126 @@
+"""A body that floats, driven by a constraint: how every tool moves. What tools do is in `effectors`.
+
+All motions are counted in simulation steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pybullet as p
+
+from gem_lite.actions import GripperState
+from gem_lite.se2 import Pose2, quaternion, wrap
+
+RATE = 240
+"""Simulation steps per second."""
+PARKED = (0.0, 0.0, 0.6)
+"""Where the tool of a single table waits (m): outside every camera's line of sight to the table."""
+CLEARANCE = 0.2
+"""Height (m) at which the tool travels."""
+STRIDE = 0.003
+"""Metres per simulation step: faster, and the constraint lags behind by centimetres."""
+TURN = 0.03
+"""Radians per simulation step."""
+FORCE = 200.0
+LOG_EVERY = 8
+"""Simulation steps between two states in the log: 30 a second."""
+
+
+class FloatingTool:
+    """A body with a place where it is meant to be, to which a strong constraint draws it.
+
+    Attributes:
+        id: of its body.
+        held: the id of the body that it carries, or None.
+        trace: the states it went through since its owner last cleared it, one every `LOG_EVERY` simulation steps of a
+            motion.
+
+    Args:
+        client: the physics client.
+        shapes: collision and visual shape in that client, centred on the tool.
+        reach: how far (m) the tool's lower end is below its centre.
+        parked: where it waits (m).
+    """
+
+    def __init__(
+        self, client: int, shapes: tuple[int, int], reach: float, parked: tuple[float, float, float] = PARKED
+    ) -> None:  # fmt: skip
+        self._client = client
+        self._parked = parked
+        self._reach = reach
+        self.id = p.createMultiBody(0.5, *shapes, parked, physicsClientId=client)
+        self._drive = p.createConstraint(
+            self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), parked, physicsClientId=client
+        )
+        self._target = np.array(parked)
+        self._yaw = 0.0
+        self.held: int | None = None
+        self.trace: list[GripperState] = []
+        self._clock = 0
+
+    @property
+    def yaw(self) -> float:
+        """The tool's yaw in the world (radians)."""
+        return planar(self._client, self.id).yaw
+
+    def carry(self, pose: Pose2) -> None:
+        """Travel above ``pose`` with what is held."""
+        self._rise()
+        # The shorter way round; the tool turns while it travels.
+        yaw = self._yaw + wrap(pose.yaw - self._yaw)
+        self._move(np.array([pose.x, pose.y, CLEARANCE]), yaw)
+
+    def park(self) -> None:
+        """Leave the cameras' sight."""
+        self._move(np.array(self._parked), 0.0)
+
+    def _touching(self, body: int, without: set[int]) -> set[int]:
+        contacts = p.getContactPoints(bodyA=body, physicsClientId=self._client)
+        return {c[2] for c in contacts if c[8] <= 0} - without
+
+    def _rise(self) -> None:
+        self._move(np.array([*self._target[:2], CLEARANCE]), self._yaw)
+
+    def _descend(self, touching: Callable[[], set[int]], above: float = 0.0) -> set[int]:
+        """Down in 1 mm strides until ``touching()`` names a body or the lower end is ``above`` (m) the table."""
+        while not (found := touching()) and self._target[2] > self._reach + above:
+            self._advance(self._target - [0, 0, 0.001], self._yaw)
+        return found
+
+    def _move(self, goal: np.ndarray, yaw: float, stride: float = STRIDE) -> None:
+        away = max(float(np.linalg.norm(goal - self._target)) / stride, abs(yaw - self._yaw) / TURN)
+        for _ in range(math.ceil(away) + 1):
+            rest = goal - self._target
+            turn = yaw - self._yaw
+            distance = np.linalg.norm(rest)
+            if distance < 1e-6 and abs(turn) < 1e-6:
+                break
+            step = rest * min(1.0, stride / max(distance, 1e-9))
+            self._advance(self._target + step, self._yaw + float(np.clip(turn, -TURN, TURN)))
+        for _ in range(10):
+            self._simulate()
+
+    def _advance(self, target: np.ndarray, yaw: float) -> None:
+        self._target = target
+        self._yaw = yaw
+        p.changeConstraint(
+            self._drive, target.tolist(), jointChildFrameOrientation=quaternion(yaw), maxForce=FORCE,
+            physicsClientId=self._client,
+        )  # fmt: skip
+        self._simulate()
+
+    def _simulate(self) -> None:
+        p.stepSimulation(physicsClientId=self._client)
+        self._clock += 1
+        if self._clock % LOG_EVERY == 0:
+            pose = planar(self._client, self.id)
+            self.trace.append(GripperState(pose.x, pose.y, pose.yaw, self.held is not None))
+
+
+def planar(client: int, body: int) -> Pose2:
+    """Where a body is, seen from above."""
+    (x, y, _), turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
+    return Pose2(x, y, p.getEulerFromQuaternion(turn)[2])

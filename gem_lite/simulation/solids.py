@@ -1,0 +1,89 @@
+"""Simple solids, and what an everyday object is made of: parts with names. Lengths are in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from shapely.geometry import Point, Polygon
+from trimesh import Trimesh
+
+RGBA = tuple[float, float, float, float]
+METAL: RGBA = (0.66, 0.67, 0.70, 1.0)
+DARK: RGBA = (0.14, 0.14, 0.15, 1.0)
+PALE: RGBA = (0.93, 0.90, 0.84, 1.0)
+LEAF: RGBA = (0.25, 0.50, 0.22, 1.0)
+WOOD: RGBA = (0.50, 0.36, 0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part: its ``name`` ("" for what has none), its mesh, and its own RGBA (None: the object's colour)."""
+
+    name: str
+    mesh: Trimesh
+    rgba: RGBA | None = None
+
+
+Vary = Callable[[], float]
+"""A factor near 1 that differs from variant to variant."""
+Maker = Callable[[Vary], list[Part]]
+"""Makes the parts of one variant of an object."""
+
+
+def bar(x0: float, x1: float, width: float, z0: float, z1: float, y: float = 0.0) -> Trimesh:
+    """A box along x, its middle at ``y``."""
+    return trimesh.creation.box(bounds=[[x0, y - width / 2, z0], [x1, y + width / 2, z1]])
+
+
+def rod(a: tuple, b: tuple, radius: float) -> Trimesh:
+    """A cylinder from one point to another."""
+    return trimesh.creation.cylinder(radius, segment=[a, b], sections=14)
+
+
+def ball(centre: tuple, radii: float | tuple) -> Trimesh:
+    """A ball, or an ellipsoid with radii along x, y and z."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    mesh.apply_scale(np.broadcast_to(radii, 3))
+    mesh.apply_translation(centre)
+    return mesh
+
+
+def slab(outline: Polygon, z0: float, z1: float) -> Trimesh:
+    """An outline, or several, extruded from one height to another."""
+    return trimesh.util.concatenate(
+        [
+            trimesh.creation.extrude_polygon(piece, z1 - z0).apply_translation([0, 0, z0])
+            for piece in getattr(outline, "geoms", [outline])
+        ]
+    )
+
+
+def turned(profile: list, lying: bool = False) -> Trimesh:
+    """A solid of revolution from (radius, height) points; ``lying`` puts its axis along x."""
+    mesh = trimesh.creation.revolve(np.array(profile), sections=20)
+    if lying:
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+    return mesh
+
+
+def tube(points: np.ndarray, radius: float | np.ndarray) -> Trimesh:
+    """Rods along (N, 3) points, with one radius or one a point."""
+    radii = np.broadcast_to(radius, len(points))
+    rods = [rod(a, b, (r + s) / 2) for a, b, r, s in zip(points, points[1:], radii, radii[1:], strict=False)]
+    return trimesh.util.concatenate(rods)
+
+
+def arc(radius: float, start: float, stop: float, centre: tuple, upright: bool = False, count: int = 9) -> np.ndarray:
+    """Points on a circle in the table's plane or, ``upright``, in the x-z plane."""
+    t = np.linspace(start, stop, count)
+    flat = np.stack([np.cos(t), np.sin(t), np.zeros(count)], axis=1)
+    return np.array(centre) + radius * (flat[:, [0, 2, 1]] if upright else flat)
+
+
+def disc(x: float, y: float, radius: float, hole: float = 0.0) -> Polygon:
+    """A circle's outline, with a round hole."""
+    disc = Point(x, y).buffer(radius, 12)
+    return disc.difference(Point(x, y).buffer(hole, 12)) if hole else disc
