@@ -45,7 +45,7 @@ class DemonstrationStep:
 
     observation: Observation
     instruction: str
-    phrases: language.Phrases
+    phrases: language.Queries
     expert: ExpertAction
     trace: tuple[GripperState, ...]
     reward: float
@@ -178,7 +178,7 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
     return DemonstrationStep(
         Observation(tuple(views)),
         _text(step["instruction"]),
-        language.Phrases(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
+        language.Queries(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
         ExpertAction(
             _decode_action(expert["action"]), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])
         ),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gem_lite import clip, config, tasks
+from gem_lite import clip, tasks
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.evaluation import results, workers
@@ -23,6 +23,8 @@ from gem_lite.simulation.environment import Environment, body_at
 from gem_lite.simulation.world import World
 from gem_lite.simulation.worlds import WorldStyle
 
+LITE = Config.preset("lite")
+"""Pixels and angles of the scripted methods."""
 Observations = tuple[Observation, ...]
 Actor = Callable[[Environment, Observations, Sequence[Pose2]], Action | None]
 """Chooses an action, given where the tool has grasped nothing since it last held something.
@@ -164,7 +166,7 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
     return policy_actor(policy)
 
 
-def settings_of(task_name: str, split: tasks.Split, settings: Config = config.LITE) -> Config:
+def settings_of(task_name: str, split: tasks.Split, settings: Config = LITE) -> Config:
     """``settings`` on the table of a task: those of the scripted methods that depend on pixels and angles."""
     return settings.on_table(tasks.make(task_name, split).workspace.length)
 
@@ -192,7 +194,7 @@ def run_job(job: Job) -> list[Episode]:
 
 def evaluate(
     method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
-    settings: Config = config.LITE, checkpoint: Path | None = None, clip_name: str | None = None,
+    settings: Config = LITE, checkpoint: Path | None = None, clip_name: str | None = None,
     processes: int | None = None, world: str = "home",
 ) -> list[Episode]:  # fmt: skip
     """Run episodes ``start`` .. ``start + episodes - 1`` of a split in a world, one process a core.
@@ -229,7 +231,7 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.evaluation.evaluate --help``."""
     parser = argparse.ArgumentParser(
         description="Measure a policy over test episodes; prints the mean with its 95 % interval and writes the row.",
-        epilog=methods.HELP
+        epilog=methods.help_text()
         + "\n  expert, expert-rounded, random          need no checkpoint; expert-rounded: what rounding alone costs"
         "\n\nexample: python -m gem_lite.evaluation.evaluate gem put-block-in-bowl-unseen-colors "
         "--checkpoint data/gem-put-block-in-bowl.safetensors",

@@ -20,7 +20,7 @@ from accelerate.utils import reduce
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import clip, config, demonstrations, tasks
+from gem_lite import clip, demonstrations, tasks
 from gem_lite.config import Config
 from gem_lite.files import write_whole
 from gem_lite.learning import augment
@@ -57,7 +57,7 @@ def make_batch(
         step = prepared[rng.integers(len(prepared))]
         sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
         keep = [sample.pick, sample.place]
-        motion = augment.random_motion(rng, tuple(sample.image.shape[-2:]), keep, settings.turn)
+        motion = augment.random_motion(rng, tuple(sample.rgbd.shape[-2:]), keep, settings.turn)
         moved = augment.apply(motion, sample)
         moved = augment.rescaled(rng, moved, settings.map_gain, settings.map_offset)
         batch.append(augment.recolored(rng, moved) if recolor else moved)
@@ -85,7 +85,7 @@ def train(
     """
     settings, team = policy.config, PartialState(cpu=device == "cpu")
     # Convolutions of few channels run a fifth faster with the channels innermost in memory.
-    modules = {name: m.to(team.device, memory_format=torch.channels_last).train() for name, m in policy.modules.items()}
+    modules = {name: m.to(team.device, memory_format=torch.channels_last).train() for name, m in policy.roles.items()}
     optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
     identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
     identity |= {"processes": team.num_processes}
@@ -166,8 +166,10 @@ def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
     for step in prepared:
         for sample in (step.with_image, step.text_only):
             for name, value in vars(sample).items():
-                content = value.numpy().tobytes() if isinstance(value, torch.Tensor) else repr(value).encode()
-                digest.update(name.encode() + content)
+                named = value if isinstance(value, dict) else {"": value}
+                for key, part in named.items():
+                    content = part.numpy().tobytes() if isinstance(part, torch.Tensor) else repr(part).encode()
+                    digest.update(f"{name}.{key}".encode() + content)
     return digest.hexdigest()
 
 
@@ -182,7 +184,7 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.learning.train --help``."""
     parser = argparse.ArgumentParser(
         description="Train a method from demonstrations.",
-        epilog=methods.HELP + "\n\nexamples:"
+        epilog=methods.help_text() + "\n\nexamples:"
         "\n  python -m gem_lite.learning.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors"
         "\n  accelerate launch --num_processes 4 -m gem_lite.learning.train "
         "data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors --config paper --device cuda",
@@ -193,7 +195,7 @@ def main() -> None:
     )
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
     parser.add_argument("--method", default="gem", help="see below; default gem")
-    parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
+    parser.add_argument("--config", choices=list(Config.PRESETS), default="lite", help="default lite")
     parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
     parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")
     parser.add_argument("--seed", type=int, default=0, help="seed of weights and draws (default 0)")
@@ -211,12 +213,13 @@ def main() -> None:
         if args.episodes is not None and len(demos) < args.episodes:
             raise ValueError(f"--episodes must be at most {len(demos)}, which {args.demonstrations} holds")
         model = clip.load(args.clip)
-        table = tasks.make(demos[0].task).workspace.length
-        method, settings = methods.find(args.method, config.CONFIGS[args.config].on_table(table))
+        method, settings = methods.find(args.method, args.config)
+        settings = settings.on_table(tasks.make(demos[0].task).workspace.length)
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)
-        cost = train(policy, policy.prepare(demos), args.seed, run, args.device)
+        policy.remember(demos)
+        cost = train(policy, list(policy.prepare(demos)), args.seed, run, args.device)
         if not PartialState().is_main_process:
             return  # all processes hold the same weights: one writes them
         facts = {
