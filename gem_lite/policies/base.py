@@ -7,6 +7,7 @@ demonstration to the loss, is the same for all of them and stands here.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -161,18 +162,22 @@ class PickPlacePolicy(ABC):
         pick, place = self.clip.embed_texts([phrases.pick])[0].cpu(), self.clip.embed_texts([phrases.place])[0].cpu()
         return {"pick_words": pick, "place_words": place}
 
-    def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
-        """Compute once what training does not change.
+    def remember(self, demos: Sequence[Demonstration]) -> None:  # noqa: B027
+        """Fill the memory with what the demonstrations show, before `prepare`; many methods have none."""
+
+    def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
+        """Compute once what training does not change, one step at a time.
+
+        Args:
+            start: how many steps to leave out at the beginning.
 
         Raises:
             ValueError: a step lacks a camera's view, or has one more than the others.
         """
-        prepared = []
-        for _, step in numbered_steps(demos):
+        for _, step in itertools.islice(numbered_steps(demos), start, None):
             inputs = self.inputs(self.see(step.observation.views), self.read(step.instruction))
             sample = label(step, inputs, self.config)
-            prepared.append(PreparedStep(sample, sample))
-        return prepared
+            yield PreparedStep(sample, sample)
 
     def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
         """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,12 +201,14 @@ class Policy(PickPlacePolicy):
         image = torch.cat([to_rgbd(scene.heightmap), torch.from_numpy(np.stack(maps))])
         return Inputs(image=image, **self.words(phrases))
 
-    def prepare(self, demos: Sequence[Demonstration]) -> list[PreparedStep]:
-        """See `PickPlacePolicy`; fills ``memory`` with the demonstrations' crops."""
+    def remember(self, demos: Sequence[Demonstration]) -> None:
+        """See `PickPlacePolicy`: the crops at the demonstrated picks and places."""
         if self.config.semantic_map != "none" and self.config.image_weight > 0:
             self.memory = CropMemory(demonstrated_crops(demos, self.config.workspace, self.config.top_patch), self.clip)
-        prepared = []
-        for episode, step in numbered_steps(demos, "semantic maps"):
+
+    def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
+        """See `PickPlacePolicy`; image-conditioned maps come from what the policy `remember`s."""
+        for episode, step in itertools.islice(numbered_steps(demos, "semantic maps"), start, None):
             scene = self.see(step.observation.views)
             phrases = self.read(step.instruction)
             hidden = None if self.config.own_crop else episode
@@ -214,8 +217,7 @@ class Policy(PickPlacePolicy):
                 label(step, self._join(scene, [getattr(found, kind) for found in maps], phrases), self.config)
                 for kind in ("fused", "text")
             )
-            prepared.append(PreparedStep(with_image, text_only))
-        return prepared
+            yield PreparedStep(with_image, text_only)
 
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
         """See `PickPlacePolicy`."""
