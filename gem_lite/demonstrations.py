@@ -79,6 +79,11 @@ class DemonstrationSet(Sequence[Demonstration]):
     def __len__(self) -> int:
         return len(self.files)
 
+    @property
+    def digest(self) -> str:
+        """One SHA-256 for all that the set holds, the same as `data_hash` of its folder."""
+        return hashlib.sha256(json.dumps(self.files).encode()).hexdigest()
+
     @overload
     def __getitem__(self, index: int) -> Demonstration: ...
 
@@ -305,7 +310,7 @@ def data_hash(folder: Path, episodes: int | None = None) -> str:
     if episodes is not None and episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     files = list(read_manifest(folder)["files"].items())[:episodes]
-    return hashlib.sha256(json.dumps(dict(files)).encode()).hexdigest()
+    return DemonstrationSet(folder, dict(files)).digest
 
 
 def load(folder: Path) -> DemonstrationSet:

@@ -16,7 +16,7 @@ import torch
 from gem_lite import clip
 from gem_lite.config import LITE
 from gem_lite.learning import train
-from gem_lite.policies import checkpoints
+from gem_lite.policies import checkpoints, transporter
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
 
@@ -34,7 +34,8 @@ def model():
 @pytest.fixture(scope="module")
 def prepared(model, demo_set):
     policy = Policy(SMALL, model)
-    return policy.prepare(demo_set[1]), policy.memory
+    policy.remember(demo_set[1])
+    return list(policy.prepare(demo_set[1])), policy.memory
 
 
 def weights(policy: Policy) -> torch.Tensor:
@@ -246,7 +247,7 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
     monkeypatch.setitem(train.config.CONFIGS, "lite", SMALL)
     arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--steps", 2, "--seed", 4)
     with monkeypatch.context() as patch:
-        fail_from_the_nth_write(patch, 1, "safetensors")
+        fail_from_the_nth_write(patch, 1, "t.safetensors")
         code, said = run_main(patch, capsys, *arguments)
     assert code == 2
     assert "No space left" in said
@@ -258,7 +259,59 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
     assert "transporter-lan on 2 demonstrations" in said
     card = checkpoints.read_card(tmp_path / "t.safetensors")
     assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
-    assert not (tmp_path / "runs" / "t" / "state.pt").exists()
+    assert list((tmp_path / "runs" / "t").iterdir()) == []
+
+
+def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(train.config.CONFIGS, "lite", dataclasses.replace(SMALL, steps=2))
+    command = ["train", str(demo_set[0]), str(tmp_path / "t.safetensors"), "--method", "transporter-lan"]
+    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run")])
+    prepared, honest = [], transporter.TransporterLan.see
+
+    def stopped_at_the_third(*args):
+        prepared.append(1)
+        if len(prepared) == 3:
+            raise KeyboardInterrupt
+        return honest(*args)
+
+    monkeypatch.setattr(transporter.TransporterLan, "see", stopped_at_the_third)
+    with pytest.raises(SystemExit) as stop:
+        train.main()
+    assert stop.value.code == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    train.main()
+    steps = sum(len(demo.steps) for demo in demo_set[1])
+    assert len(prepared) == steps + 1, "the two steps before the stop are not prepared again"
+    assert (tmp_path / "t.safetensors").exists()
+    assert list((tmp_path / "run").iterdir()) == []
+
+
+SHARED = """
+import sys
+from pathlib import Path
+from accelerate import PartialState
+from gem_lite import clip, demonstrations
+from gem_lite.config import LITE
+from gem_lite.learning import train
+from gem_lite.policies.transporter import TransporterLan
+run, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
+policy = TransporterLan(LITE, clip.load())
+honest, prepared = policy.see, []
+policy.see = lambda views: prepared.append(1) or honest(views)
+steps = train.prepared_steps(policy, demos, run)
+(run / f"found-{PartialState().process_index}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
+"""
+
+
+def test_of_several_processes_one_prepares(demo_set, tmp_path):
+    (tmp_path / "shared.py").write_text(SHARED)
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    command = [*launch, str(tmp_path / "shared.py"), str(tmp_path), str(demo_set[0])]
+    subprocess.run(command, check=True, capture_output=True, timeout=1800)
+    one, two = ((tmp_path / f"found-{rank}").read_text().split() for rank in (0, 1))
+    steps = sum(len(demo.steps) for demo in demo_set[1])
+    assert one[:2] == [str(steps), str(steps)]
+    assert two == ["0", *one[1:]]
 
 
 def test_the_paper_configuration_starts_and_resumes_on_a_cpu(demo_set, tmp_path, monkeypatch, capsys):

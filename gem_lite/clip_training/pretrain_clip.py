@@ -217,27 +217,15 @@ def train(
         ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
     """
     torch.manual_seed(seed)
-    if begun:
-        model, tokenizer = begun
-    else:
-        tokenizer = train_tokenizer()
-        model = make_model(len(tokenizer))
+    model, tokenizer = begun or _fresh()
     model = model.to(memory_format=torch.channels_last).train()
     optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
     steps = epochs * (len(crops) // batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps, pct_start=0.1)
+    parts = {"model": model, "optimizer": optimizer, "schedule": schedule}
     identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch, "rate": rate}
-    state_file, start = run / "state.pt", 0
-    if state_file.exists():
-        state = torch.load(state_file)
-        if state["identity"] != identity:
-            raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
-        model.load_state_dict(state["model"])
-        optimizer.load_state_dict(state["optimizer"])
-        schedule.load_state_dict(state["schedule"])
-        start = state["epoch"]
-        print(f"resuming after epoch {start} from {state_file}")
-    for epoch in range(start, epochs):
+    state_file = run / "state.pt"
+    for epoch in range(_restore(parts, identity, state_file), epochs):
         batches = _batches(crops, batch, tokenizer, seed, epoch)
         bar = tqdm(batches, f"epoch {epoch + 1}/{epochs}", len(crops) // batch, unit="step", mininterval=2)
         for made in bar:
@@ -248,13 +236,28 @@ def train(
             optimizer.step()
             schedule.step()
             bar.set_postfix(loss=f"{loss.item():.3f}")
-        state = {
-            "model": model.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict(),
-            "epoch": epoch + 1, "identity": identity,
-        }  # fmt: skip
-        torch.save(state, state_file.with_suffix(".tmp"))
+        state = {name: part.state_dict() for name, part in parts.items()}
+        torch.save(state | {"epoch": epoch + 1, "identity": identity}, state_file.with_suffix(".tmp"))
         os.replace(state_file.with_suffix(".tmp"), state_file)
     return model.eval(), tokenizer
+
+
+def _fresh() -> tuple[ResNetClip, PreTrainedTokenizerFast]:
+    tokenizer = train_tokenizer()
+    return make_model(len(tokenizer)), tokenizer
+
+
+def _restore(parts: dict, identity: dict, state_file: Path) -> int:
+    """Take over the state of a training that was stopped; how many epochs it had done, 0 where there is none."""
+    if not state_file.exists():
+        return 0
+    state = torch.load(state_file)
+    if state["identity"] != identity:
+        raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
+    for name, part in parts.items():
+        part.load_state_dict(state[name])
+    print(f"resuming after epoch {state['epoch']} from {state_file}")
+    return state["epoch"]
 
 
 def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:

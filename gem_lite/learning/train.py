@@ -3,49 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
-import hashlib
-import io
 import os
+import shutil
 import time
 from collections.abc import Callable, Sequence
+from datetime import timedelta
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from accelerate import PartialState
-from accelerate.utils import reduce
+from accelerate import Accelerator, PartialState
 from torch import nn
 from tqdm import tqdm
 
 from gem_lite import clip, demonstrations, tasks
 from gem_lite.config import Config
-from gem_lite.files import write_whole
-from gem_lite.learning import augment
+from gem_lite.demonstrations import DemonstrationSet
+from gem_lite.learning import augment, dataset
+from gem_lite.learning.dataset import StoredSteps
+from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
 SAVE_EVERY, SAVE_SECONDS = 100, 60
 """Steps and seconds between two saves of the training state: a killed run loses at most the fewer of these."""
-
-
-class Cost(NamedTuple):
-    """What a training took, its earlier parts included: seconds on the clock, and of all CPU cores together."""
-
-    seconds: float
-    cpu_seconds: float
-
-    @classmethod
-    def now(cls) -> Cost:
-        """The two clocks' readings; the difference of two readings is a cost."""
-        return cls(time.time(), time.process_time())
-
-    def since(self, began: Cost) -> Cost:
-        """What has been spent from ``began`` to here."""
-        return Cost(self.seconds - began.seconds, self.cpu_seconds - began.cpu_seconds)
+PREPARED = "prepared"
+"""The folder in a run for its prepared steps."""
+LONGEST_PREPARATION = timedelta(days=7)
+"""How long the other processes wait for the one that prepares the steps."""
+LONGEST_GRADIENT = 1.0
 
 
 def make_batch(
@@ -64,6 +52,69 @@ def make_batch(
     return batch
 
 
+def learning_rate(settings: Config, step: int) -> float:
+    """The rate of a step: it warms up over 50 steps, holds, and falls linearly to a fiftieth over the second half."""
+    return settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
+
+
+class Losses(nn.Module):
+    """A policy's losses as the forward pass of one module, through which processes average their gradients."""
+
+    def __init__(self, policy: PickPlacePolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
+        """Each role's loss."""
+        return self.policy.losses(batch)
+
+
+class Learner:
+    """A policy's modules in training, with an optimizer for each.
+
+    Attributes:
+        modules, optimizers: by role.
+    """
+
+    def __init__(self, policy: PickPlacePolicy, accelerator: Accelerator) -> None:
+        self.accelerator = accelerator
+        self.policy = policy
+        self.modules = policy.roles
+        # Convolutions of few channels run a fifth faster with the channels innermost in memory.
+        policy.to(accelerator.device, memory_format=torch.channels_last).train()
+        optimizers = [torch.optim.Adam(m.parameters(), lr=policy.config.learning_rate) for m in self.modules.values()]
+        self.losses, *optimizers = accelerator.prepare(Losses(policy), *optimizers)
+        self.optimizers = dict(zip(self.modules, optimizers, strict=True))
+
+    def step(self, batch: Sequence[Sample], rate: float) -> dict[str, float]:
+        """One step of every optimizer; returns each role's loss before it.
+
+        Raises:
+            FloatingPointError: a loss or a gradient is not finite; no weight has changed.
+        """
+        losses = self.losses(batch)
+        for role, loss in losses.items():
+            if not torch.isfinite(loss):
+                raise FloatingPointError(f"the {role} loss is {loss.item()}")
+        for optimizer in self.optimizers.values():
+            optimizer.zero_grad(set_to_none=True)
+        # No weight has a part in two of the losses: the sum's gradients are those of each loss.
+        self.accelerator.backward(sum(losses.values()))
+        for role, module in self.modules.items():
+            norm = self.accelerator.clip_grad_norm_(module.parameters(), LONGEST_GRADIENT)
+            if not torch.isfinite(norm):
+                raise FloatingPointError(f"the {role} gradient is {norm.item()}")
+        for optimizer in self.optimizers.values():
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+            optimizer.step()
+        return {role: loss.item() for role, loss in losses.items()}
+
+    def release(self) -> None:
+        """Bring the policy back to the CPU, as it was."""
+        self.policy.to("cpu", memory_format=torch.contiguous_format)
+
+
 def train(
     policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
     watch: Callable[[int, dict[str, float]], None] | None = None,
@@ -76,6 +127,7 @@ def train(
     many times larger as there are processes.
 
     Args:
+        prepared: a list of steps, or those of a folder (`prepared_steps`).
         watch: called with every step's number and losses.
 
     Raises:
@@ -83,94 +135,69 @@ def train(
         FloatingPointError: a loss or a gradient is not finite; the last saved state stays intact.
         OSError: the state cannot be saved; the last saved one stays intact.
     """
-    settings, team = policy.config, PartialState(cpu=device == "cpu")
-    # Convolutions of few channels run a fifth faster with the channels innermost in memory.
-    modules = {name: m.to(team.device, memory_format=torch.channels_last).train() for name, m in policy.roles.items()}
-    optimizers = {name: torch.optim.Adam(m.parameters(), lr=settings.learning_rate) for name, m in modules.items()}
-    identity = {"method": policy.name, "config": settings.as_dict(), "seed": seed, "data": _fingerprint(prepared)}
-    identity |= {"processes": team.num_processes}
-    state_file, saved, spent = run / "state.pt", 0, Cost(0.0, 0.0)
-    run.mkdir(parents=True, exist_ok=True)
-    if state_file.exists():
-        state = torch.load(state_file, map_location=team.device)
-        if state["identity"] != identity:
-            raise ValueError(
-                f"{state_file} belongs to a training with other settings (method, configuration, data, seed or "
-                "number of processes); give another run"
-            )
-        for name, module in modules.items():
-            module.load_state_dict(state[name])
-            optimizers[name].load_state_dict(state[f"{name}_optimizer"])
-        saved, spent = state["step"], Cost(*state["cost"])
-        team.print(f"resuming at step {saved} from {state_file}")
-    began, stored = Cost.now().since(spent), time.time()
-
-    def last_good() -> str:
-        return f"{state_file} holds step {saved}, intact" if saved else "no state had been saved yet"
-
-    def store(step: int) -> None:
-        state = {"identity": identity, "step": step, "cost": tuple(Cost.now().since(began))}
-        for name, module in modules.items():
-            state |= {name: module.state_dict(), f"{name}_optimizer": optimizers[name].state_dict()}
-        # Into memory first: torch's own writer reports a full disk as it likes, and not always.
-        buffer = io.BytesIO()
-        torch.save(state, buffer)
-        try:
-            write_whole(state_file, buffer.getvalue())
-        except OSError as error:
-            raise OSError(f"the state of step {step} cannot be saved ({error}); {last_good()}") from error
-
-    bar = tqdm(
-        range(saved, settings.steps), "training", settings.steps, initial=saved, unit="step",
-        disable=not team.is_main_process,
-    )  # fmt: skip
-    for step in bar:
-        # Every step's draw depends on the seed and the step alone, so a resumed run draws the same.
-        draw = (seed, step) if team.is_main_process else (seed, step, team.process_index)
-        batch = make_batch(prepared, settings, np.random.default_rng(draw), policy.recolors)
-        # Warm up over 50 steps, hold, and fall linearly to a fiftieth over the second half.
-        rate = settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
-        with torch.autocast("cuda", torch.bfloat16, enabled=device != "cpu"):
-            losses = policy.losses(batch)
-        for name, loss in losses.items():
-            if not torch.isfinite(loss):
-                raise FloatingPointError(f"the {name} loss is {loss.item()} at step {step}; {last_good()}")
-            optimizer = optimizers[name]
-            for group in optimizer.param_groups:
-                group["lr"] = rate
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            if team.num_processes > 1:
-                for parameter in modules[name].parameters():
-                    parameter.grad = reduce(parameter.grad, "mean")
-            norm = nn.utils.clip_grad_norm_(modules[name].parameters(), 1.0)
-            if not torch.isfinite(norm):
-                raise FloatingPointError(f"the {name} gradient is {norm.item()} at step {step}; {last_good()}")
-            optimizer.step()
-        if watch:
-            watch(step, {name: loss.item() for name, loss in losses.items()})
-        if step % 10 == 0:
-            bar.set_postfix({name: f"{loss.item():.2f}" for name, loss in losses.items()})
-        due = (step + 1) % SAVE_EVERY == 0 or time.time() - stored > SAVE_SECONDS
-        if due or step + 1 == settings.steps:
-            if team.is_main_process:
-                store(step + 1)
-            saved, stored = step + 1, time.time()
-    for module in modules.values():
-        module.to("cpu", memory_format=torch.contiguous_format)
-    return Cost.now().since(began)
+    settings = policy.config
+    accelerator = Accelerator(cpu=device == "cpu", mixed_precision="no" if device == "cpu" else "bf16")
+    learner = Learner(policy, accelerator)
+    state = _state(policy, learner, prepared, seed, run)
+    steps, quiet = range(state.saved, settings.steps), not accelerator.is_main_process
+    with tqdm(steps, "training", settings.steps, initial=state.saved, unit="step", disable=quiet) as bar:
+        for step in bar:
+            rng = _draws(seed, step, accelerator.process_index)
+            batch = make_batch(prepared, settings, rng, policy.recolors)
+            try:
+                losses = learner.step(batch, learning_rate(settings, step))
+            except FloatingPointError as error:
+                raise FloatingPointError(f"{error} at step {step}; {state.last_good}") from None
+            if watch:
+                watch(step, losses)
+            if step % 10 == 0:
+                bar.set_postfix({role: f"{loss:.2f}" for role, loss in losses.items()})
+            due = (step + 1) % SAVE_EVERY == 0 or time.time() - state.saved_at > SAVE_SECONDS
+            if due or step + 1 == settings.steps:
+                state.save(step + 1)
+    learner.release()
+    return state.cost
 
 
-def _fingerprint(prepared: Sequence[PreparedStep]) -> str:
-    digest = hashlib.sha256()
-    for step in prepared:
-        for sample in (step.with_image, step.text_only):
-            for name, value in vars(sample).items():
-                named = value if isinstance(value, dict) else {"": value}
-                for key, part in named.items():
-                    content = part.numpy().tobytes() if isinstance(part, torch.Tensor) else repr(part).encode()
-                    digest.update(f"{name}.{key}".encode() + content)
-    return digest.hexdigest()
+def _state(
+    policy: PickPlacePolicy, learner: Learner, prepared: Sequence[PreparedStep], seed: int, run: Path
+) -> TrainingState:
+    """The state in ``run``, taken over if there is one."""
+    accelerator = learner.accelerator
+    identity = {
+        "method": policy.name, "config": policy.config.as_dict(), "seed": seed,
+        "data": dataset.fingerprint(prepared), "processes": accelerator.num_processes,
+    }  # fmt: skip
+    writes = accelerator.is_main_process
+    state = TrainingState(run / STATE_FILE, identity, learner.modules, learner.optimizers, writes)
+    state.restore(accelerator.device)
+    if state.saved:
+        accelerator.print(f"resuming at step {state.saved} from {state.file}")
+    return state
+
+
+def _draws(seed: int, step: int, process: int) -> np.random.Generator:
+    """Every step's draw depends on the seed and the step alone, so a resumed run draws the same."""
+    return np.random.default_rng((seed, step, process) if process else (seed, step))
+
+
+def prepared_steps(policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, device: str = "cpu") -> StoredSteps:
+    """The demonstrations' prepared steps, in files in ``run``: for `train`, whose memory then does not grow with them.
+
+    Goes on where an earlier preparation was stopped. Of several processes one prepares, and the others wait.
+
+    Raises:
+        ValueError, OSError: as `dataset.prepare`.
+    """
+    team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
+    with team.main_process_first():
+        return dataset.prepare(policy, demos, run / PREPARED)
+
+
+def discard(run: Path) -> None:
+    """Remove what `train` and `prepared_steps` left in ``run``: call it when the checkpoint is written."""
+    (run / STATE_FILE).unlink(missing_ok=True)
+    shutil.rmtree(run / PREPARED, ignore_errors=True)
 
 
 def hardware(device: str) -> str:
@@ -218,8 +245,7 @@ def main() -> None:
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)
-        policy.remember(demos)
-        cost = train(policy, list(policy.prepare(demos)), args.seed, run, args.device)
+        cost = train(policy, prepared_steps(policy, demos, run, args.device), args.seed, run, args.device)
         if not PartialState().is_main_process:
             return  # all processes hold the same weights: one writes them
         facts = {
@@ -237,8 +263,7 @@ def main() -> None:
         parser.exit(2, f"{error}\n")
     except KeyboardInterrupt:
         parser.exit(130, f"\nstopped; the same command goes on from the last state in {run}\n")
-    with contextlib.suppress(FileNotFoundError):
-        (run / "state.pt").unlink()
+    discard(run)
     print(
         f"wrote {args.checkpoint} after {cost.seconds:.0f} s of training {policy.name} on {len(demos)} demonstrations"
     )

@@ -7,6 +7,7 @@ demonstration to the loss, is the same for all of them and stands here.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -177,13 +178,16 @@ class PickPlacePolicy(nn.Module, ABC):
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""
 
-    def prepare(self, demos: Sequence[Demonstration]) -> Iterator[PreparedStep]:
+    def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
         """What training does not change, computed step by step as it is asked for. `remember` comes first.
+
+        Args:
+            start: how many steps to leave out at the beginning.
 
         Raises:
             ValueError: a step lacks a camera's view, or has one more than the others.
         """
-        for key, step in numbered_steps(demos):
+        for key, step in itertools.islice(numbered_steps(demos), start, None):
             yield self.prepare_step(step, key)
 
     def prepare_step(self, step: DemonstrationStep, key: EpisodeKey) -> PreparedStep:

@@ -1,0 +1,179 @@
+"""Prepared steps in files: equal to those in memory, never more than one of them alive, never stale."""
+
+import dataclasses
+import gc
+import itertools
+import json
+import weakref
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, demonstrations
+from gem_lite.config import LITE
+from gem_lite.learning import dataset, train
+from gem_lite.policies.samples import PreparedStep, Sample
+from gem_lite.policies.transporter import TransporterLan
+
+SMALL = dataclasses.replace(LITE, widths=(4, 4, 8, 8), angles=12, query=15, steps=3, batch=2)
+SOURCE = {"data": "a", "method": "m"}
+
+
+def made_step(number: int) -> PreparedStep:
+    """A step whose values all tell its number; its two samples differ in the picture alone."""
+    image = torch.full((6, 16, 16), float(number))
+    with_image = Sample(
+        image=image, coarse=torch.arange(12.0).reshape(3, 2, 2) + number, pick_words=torch.ones(8) * number,
+        place_words=torch.zeros(8), pick=(number + 0.1, 2.5), place=(3.0, 1 / 3), pick_yaw=0.1 * number, delta=-0.7,
+        pick_symmetry=0.0, place_symmetry=2 * np.pi,
+    )  # fmt: skip
+    return PreparedStep(with_image, dataclasses.replace(with_image, image=image + 0.5))
+
+
+def steps_from(count: int):
+    return lambda start: map(made_step, range(start, count))
+
+
+def values(sample: Sample) -> list:
+    fields = [getattr(sample, field.name) for field in dataclasses.fields(sample)]
+    return [value.tolist() if isinstance(value, torch.Tensor) else value for value in fields]
+
+
+def test_a_step_comes_back_as_it_was(tmp_path):
+    stored = dataset.store(steps_from(3), tmp_path / "steps", SOURCE)
+    assert len(stored) == 3
+    for number, step in enumerate(stored):
+        fresh = made_step(number)
+        assert values(step.with_image) == values(fresh.with_image)
+        assert values(step.text_only) == values(fresh.text_only)
+    assert [step.with_image.pick[0] for step in stored[1:]] == [1.1, 2.1]
+    with pytest.raises(IndexError):
+        stored[3]
+
+
+def test_what_both_samples_share_is_stored_once(tmp_path):
+    step = made_step(1)
+    dataset.store(lambda _: [PreparedStep(step.with_image, step.with_image)], tmp_path / "same", SOURCE)
+    differ = dataset.store(lambda _: [step], tmp_path / "differ", SOURCE)
+    bytes_of = {
+        name: sum(path.stat().st_size for path in (tmp_path / name).glob("step*")) for name in ("same", "differ")
+    }
+    picture = step.with_image.image.nbytes
+    assert picture <= bytes_of["differ"] - bytes_of["same"] < 1.1 * picture
+    read = differ[0]
+    assert read.with_image.coarse is read.text_only.coarse
+
+
+def test_real_steps_give_the_same_weights_from_files_as_from_memory(demo_set, tmp_path):
+    model, demos, weights, prints = clip.load(), demonstrations.load(demo_set[0]), [], set()
+    for folder in (None, tmp_path / "steps"):
+        policy = TransporterLan(SMALL, model, seed=2)
+        steps = dataset.prepare(policy, demos, folder) if folder else list(policy.prepare(demos))
+        train.train(policy, steps, 2, tmp_path / f"run-{folder is None}")
+        weights.append(torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()]))
+        prints.add(dataset.fingerprint(steps))
+    assert torch.equal(*weights)
+    assert len(prints) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: dataclasses.replace(s, with_image=dataclasses.replace(s.with_image, delta=0.2)),
+        lambda s: dataclasses.replace(s, with_image=dataclasses.replace(s.with_image, place_words=torch.ones(8))),
+        lambda s: dataclasses.replace(s, text_only=dataclasses.replace(s.text_only, image=s.with_image.image)),
+        lambda s: dataclasses.replace(s, with_image=dataclasses.replace(s.with_image, coarse=torch.zeros(12, 1, 1))),
+    ],
+    ids=["label", "words", "text map", "shape"],
+)
+def test_the_fingerprint_depends_on_all_that_a_step_holds(change, tmp_path):
+    steps = [made_step(0), made_step(1)]
+    stored = dataset.store(lambda start: steps[start:], tmp_path, SOURCE)
+    assert dataset.fingerprint(stored) == dataset.fingerprint(steps) == dataset.fingerprint(list(stored))
+    assert dataset.fingerprint([change(steps[0]), steps[1]]) != stored.fingerprint
+    assert dataset.fingerprint(steps[::-1]) != stored.fingerprint
+
+
+def test_a_stopped_preparation_is_finished_and_a_finished_one_is_not_begun_again(tmp_path):
+    def stopped(start):
+        yield from map(made_step, range(start, 2))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        dataset.store(stopped, tmp_path / "steps", SOURCE)
+    asked = []
+    for _ in range(2):
+        resumed = dataset.store(lambda start: asked.append(start) or steps_from(4)(start), tmp_path / "steps", SOURCE)
+    assert asked == [2]
+    assert resumed.fingerprint == dataset.store(steps_from(4), tmp_path / "whole", SOURCE).fingerprint
+
+
+def test_steps_of_another_source_are_refused_and_those_of_another_program_made_anew(tmp_path, capsys):
+    first = dataset.store(steps_from(2), tmp_path, SOURCE, code="old")
+    with pytest.raises(ValueError, match="holds steps prepared from another method; give another run, or remove it"):
+        dataset.store(steps_from(2), tmp_path, SOURCE | {"method": "n"}, code="old")
+    assert len(list(first)) == 2, "what was refused is untouched"
+    again = dataset.store(steps_from(3), tmp_path, SOURCE, code="new")
+    assert len(again) == 3
+    assert "prepared again" in capsys.readouterr().out
+
+
+def test_the_key_of_prepared_steps_holds_what_decides_them(demo_set, tmp_path):
+    model, demos = clip.load(), demonstrations.load(demo_set[0])
+    dataset.prepare(TransporterLan(SMALL, model), demos[:1], tmp_path)
+    source = json.loads((tmp_path / "manifest.json").read_text())["source"]
+    assert source["clip"] == model.fingerprint
+    with pytest.raises(ValueError, match="another data"):
+        dataset.prepare(TransporterLan(SMALL, model), demos, tmp_path)
+    with pytest.raises(ValueError, match="another config"):
+        dataset.prepare(TransporterLan(dataclasses.replace(SMALL, steps=4), model), demos[:1], tmp_path)
+
+
+def test_a_damaged_step_is_refused(tmp_path):
+    stored = dataset.store(steps_from(2), tmp_path, SOURCE)
+    first, second = (tmp_path / name for name in stored.sums)
+    first.write_bytes(first.read_bytes()[:-1])
+    second.unlink()
+    with pytest.raises(ValueError, match="cut off or changed"):
+        stored[0]
+    with pytest.raises(FileNotFoundError, match="is missing"):
+        stored[1]
+
+
+def live_tensors() -> int:
+    gc.collect()
+    return sum(isinstance(thing, torch.Tensor) for thing in gc.get_objects())
+
+
+def test_no_more_steps_are_alive_while_they_are_made_or_drawn_than_one_needs(tmp_path):
+    references, most_made, before = [], 0, live_tensors()
+
+    def counted(start):
+        nonlocal most_made
+        for number in range(start, 40):
+            step = made_step(number)
+            references.append(weakref.ref(step))
+            most_made = max(most_made, sum(reference() is not None for reference in references))
+            yield step
+            del step
+
+    stored = dataset.store(counted, tmp_path, SOURCE)
+    assert most_made <= 2, "the one being made, and the one before"
+    assert live_tensors() == before
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        train.make_batch(stored, SMALL, rng)
+    assert live_tensors() == before
+
+
+def test_steps_are_prepared_when_they_are_asked_for(demo_set):
+    policy, seen = TransporterLan(SMALL, clip.load()), []
+    honest = policy.see
+    policy.see = lambda views: seen.append(1) or honest(views)
+    steps = policy.prepare(demo_set[1])
+    assert len(seen) == 0
+    first, second = itertools.islice(steps, 2)
+    assert len(seen) == 2
+    assert values(next(policy.prepare(demo_set[1], start=1)).with_image) == values(second.with_image)
+    assert values(first.with_image) != values(second.with_image)
