@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Iterator, Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from tyro import _errors as tyro_errors  # Private, so pyproject.toml names the version; nothing public does this.
+
+if TYPE_CHECKING:
+    from tyro._arguments import ArgumentDefinition
 
 
 def refuse(event: tyro_errors.ParseErrorEvent) -> NoReturn:
@@ -25,9 +28,10 @@ def _sentence(event: tyro_errors.ParseErrorEvent) -> str:
             names = [missing.arg.display_name() for missing in event.missing_arguments]
             return f"{event.prog} needs {', '.join(names)}: see {event.prog} --help"
         case tyro_errors.InvalidChoice():
-            return f"{event.argument.display_name()} must be one of {', '.join(event.choices)}, got {event.value!r}"
+            choices = ", ".join(choice for choice in event.choices if choice != "None")
+            return f"{event.argument.display_name()} must be one of {choices}, got {event.value!r}"
         case tyro_errors.BadValue():
-            return f"{event.argument.display_name()} needs a value: {event.argument.lowered.metavar}"
+            return f"{event.argument.display_name()} needs a value: {_kind(event.argument)}"
         case tyro_errors.MutexConflict():
             return f"{event.first_token} and {event.second_token} cannot be given together"
         case tyro_errors.UnrecognizedArgs():
@@ -35,9 +39,14 @@ def _sentence(event: tyro_errors.ParseErrorEvent) -> str:
         case tyro_errors.InstantiationFailure(argument=None):
             return event.message
         case tyro_errors.InstantiationFailure():
-            return f"{event.argument.display_name()} must be {event.argument.lowered.metavar}: {event.message}"
+            return f"{event.argument.display_name()} must be {_kind(event.argument)}: {event.message}"
         case _:
             return f"{event.prog} does not understand these arguments: see {event.prog} --help"
+
+
+def _kind(argument: ArgumentDefinition) -> str:
+    """What an argument takes, such as INT."""
+    return str(argument.lowered.metavar).removeprefix("{None}|")
 
 
 def check_options(words: Sequence[str], command: object, prog: str) -> None:

@@ -48,7 +48,7 @@ class Evaluate(Filed):
         path = results.output(self.file, self.out, results.family(self.task))
         rows = evaluate.measure_and_file(
             self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
-            self.processes, self.world, self.import_,
+            self.processes, self.world,
         )  # fmt: skip
         for row in rows:
             print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))

@@ -55,7 +55,7 @@ class SeveralTables(Filed):
             path = results.output(self.file, self.out, results.family(task))
             rows, errors = evaluate_mobile.measure_and_file(
                 self.checkpoint, task, path, self.curve, self.episodes, self.split, self.start, self.clip, self.tables,
-                self.processes, self.world, self.import_,
+                self.processes, self.world,
             )  # fmt: skip
             for row in rows:
                 print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")

@@ -17,8 +17,7 @@ from gem_lite.cli.command import Command, Outside, first_look
 from gem_lite.config import Config
 from gem_lite.learning import train
 from gem_lite.policies import methods
-
-Preset = Literal["lite", "paper"]
+from gem_lite.policies.base import PickPlacePolicy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +26,18 @@ class Method:
 
     method: str = "gem"
     """name of the method, see below"""
-    preset: Preset = "lite"
-    """the values to begin with: those for two CPU cores, or the paper's"""
+    preset: str = "lite"
+    """the configuration to begin with: lite, for two CPU cores, or paper"""
 
-    def configuration(self) -> Config:
-        """The preset of the method, with what the endings of its name switch off."""
-        return methods.find(self.method, config.CONFIGS[self.preset])[1]
+    def find(self) -> tuple[type[PickPlacePolicy], Config]:
+        """The method's class, and its preset with what the endings of its name switch off.
+
+        Raises:
+            ValueError: no such method or preset.
+        """
+        if self.preset not in config.CONFIGS:
+            raise ValueError(f"preset must be one of {', '.join(config.CONFIGS)}, got {self.preset!r}")
+        return methods.find(self.method, config.CONFIGS[self.preset])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +68,7 @@ class Train(Method, Outside):
     state: Path | None = None
     """folder for the state to resume from (without it: runs/<checkpoint>)"""
     config: Annotated[Config, FlagConversionOff]
-    """Every value of the method's configuration at this preset; the length of the table is the task's."""
+    """Every value of the method's configuration, as the preset has it; the length of the table is the task's."""
 
     @override
     @classmethod
@@ -71,15 +76,16 @@ class Train(Method, Outside):
         chosen = first_look(Method, words)
         return cls(
             demonstrations=tyro.MISSING, checkpoint=tyro.MISSING, method=chosen.method, preset=chosen.preset,
-            config=chosen.configuration(),
+            config=chosen.find()[1],
         )  # fmt: skip
 
     @override
     def run(self) -> None:
-        if self.config.table != self.configuration().table:
+        method, preset = self.find()
+        if self.config.table != preset.table:
             raise ValueError("--config.table: the task of the demonstrations decides it; leave it out")
         card = train.train_from_folder(
-            self.demonstrations, self.checkpoint, self.method, self.config, self._state, self.seed, self.episodes,
+            self.demonstrations, self.checkpoint, method, self.config, self._state, self.seed, self.episodes,
             self.clip, self.device,
         )  # fmt: skip
         if card:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +14,7 @@ from tqdm import tqdm
 
 from gem_lite import clip, colors, config, tasks
 from gem_lite.config import Config
-from gem_lite.evaluation import results, workers
+from gem_lite.evaluation import results
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
@@ -168,12 +170,9 @@ def _run_chunk(chunk: tuple[str, Config, Path | None, str | None, str, str, task
 def evaluate(
     method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
     settings: Config = config.LITE, checkpoint: Path | None = None, clip_name: str | None = None,
-    processes: int | None = None, world: str = "home", imports: Sequence[str] = (),
+    processes: int | None = None, world: str = "home",
 ) -> list[Episode]:  # fmt: skip
     """Run episodes ``start`` .. ``start + episodes - 1`` of a split in a world, one process a core.
-
-    Args:
-        imports: modules outside the package that register the task or the method.
 
     Raises:
         ValueError: an unknown method, task, split or world, a checkpoint that is not the method's, or no episode.
@@ -191,7 +190,7 @@ def evaluate(
     ]
     found: list[Episode] = []
     with (
-        workers.pool(len(chunks), processes, imports) as pool,
+        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
         tqdm(total=episodes, desc=f"{method} on {task_name}", unit="episode") as bar,
     ):
         for part in pool.imap(_run_chunk, chunks):
@@ -204,7 +203,6 @@ def evaluate(
 def measure_and_file(
     method: str, task_name: str, path: Path, episodes: int = 100, split: tasks.Split = "test", start: int = 0,
     checkpoint: Path | None = None, clip_name: str | None = None, processes: int | None = None, world: str = "home",
-    imports: Sequence[str] = (),
 ) -> list[dict]:  # fmt: skip
     """`evaluate` a method and file its rows in ``path``: one of all episodes, one of those with new colours alone.
 
@@ -218,7 +216,7 @@ def measure_and_file(
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
     found = evaluate(
         method, task_name, episodes, split, start, checkpoint=checkpoint, clip_name=clip_name, processes=processes,
-        world=world, imports=imports,
+        world=world,
     )  # fmt: skip
     rows = [results.result_row(method, task_name, found, "all", facts)]
     both_new = [episode for episode in found if episode.named_colors and set(episode.named_colors) <= set(colors.NEW)]

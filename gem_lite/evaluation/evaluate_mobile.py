@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -12,7 +14,7 @@ import torch
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
-from gem_lite.evaluation import evaluate, results, workers
+from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.results import Cell
 from gem_lite.policies import gem, methods, several_tables
 from gem_lite.policies.checkpoints import load_policy, read_card
@@ -99,7 +101,7 @@ def _run_chunk(job: tuple[Path, str | None, str, str, tasks.Split, list[int], li
 def measure(
     checkpoint: Path, task_name: str, episodes: int, conditions: Sequence[Condition], split: tasks.Split = "test",
     start: int = 0, clip_name: str | None = None, tables: int = 2, processes: int | None = None,
-    world: str = "home", imports: Sequence[str] = (),
+    world: str = "home",
 ) -> list[Outcome]:  # fmt: skip
     """Episodes ``start`` .. ``start + episodes - 1`` of a split under every condition, one process a core.
 
@@ -120,7 +122,7 @@ def measure(
     ]
     found: list[Outcome] = []
     with (
-        workers.pool(len(jobs), processes, imports) as pool,
+        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(jobs))) as pool,
         tqdm(total=episodes, desc=task_name, unit="episode") as bar,
     ):
         for part in pool.imap(_run_chunk, jobs):
@@ -153,7 +155,7 @@ def cell(task: str, condition: Condition, tables: int = 2, world: str = "home") 
 def measure_and_file(
     checkpoint: Path, task_name: str, path: Path, curve: bool = False, episodes: int = 100,
     split: tasks.Split = "test", start: int = 0, clip_name: str | None = None, tables: int = 2,
-    processes: int | None = None, world: str = "home", imports: Sequence[str] = (),
+    processes: int | None = None, world: str = "home",
 ) -> tuple[list[dict], list[str]]:  # fmt: skip
     """`measure` a policy by its tables' tags and by the truth, and file the rows in ``path``, one a condition.
 
@@ -175,9 +177,7 @@ def measure_and_file(
     }  # fmt: skip
     expected = [facts | condition._asdict() | {"episodes": episodes} for condition in conditions]
     results.check_rows(expected, path, IDENTITY)  # Before hours of measuring, not after them.
-    found = measure(
-        checkpoint, task_name, episodes, conditions, split, start, clip_name, tables, processes, world, imports
-    )
+    found = measure(checkpoint, task_name, episodes, conditions, split, start, clip_name, tables, processes, world)
     rows = rows_of(found, conditions, facts)
     results.file_rows(rows, path, IDENTITY)
     return rows, [f"episode {outcome.index}: {error}" for outcome in found for error in outcome.errors]

@@ -7,6 +7,8 @@ and masks only score the maps; no map is made with them.
 from __future__ import annotations
 
 import itertools
+import multiprocessing
+import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from tqdm import tqdm
 from gem_lite import clip, colors, config, demonstrations, language, tasks
 from gem_lite.clip import Clip
 from gem_lite.config import Config
-from gem_lite.evaluation import results, statistics, workers
+from gem_lite.evaluation import results, statistics
 from gem_lite.evaluation.evaluate import CHUNK, Episode
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
@@ -281,7 +283,7 @@ def play(
     chunks = [(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
     found: list[Pointing] = []
     with (
-        workers.pool(len(chunks), processes) as pool,
+        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
         tqdm(total=scenes, desc=f"pointing, {kind}", unit="scene") as bar,
     ):
         for chunk, part in zip(chunks, pool.imap(_run_chunk, chunks), strict=True):

@@ -22,7 +22,7 @@ from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.files import write_whole
 from gem_lite.learning import augment
-from gem_lite.policies import checkpoints, methods
+from gem_lite.policies import checkpoints
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
@@ -177,14 +177,13 @@ def hardware(device: str) -> str:
 
 
 def train_from_folder(
-    folder: Path, checkpoint: Path, method: str, settings: Config, run: Path, seed: int = 0,
+    folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu",
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint; resumes from ``run``, see `train`.
 
     Args:
-        method: its name, which names ablations, too.
-        settings: its configuration; the length of its table becomes that of the demonstrations' task.
+        settings: the method's configuration; the length of its table becomes that of the demonstrations' task.
         episodes: use only the first so many demonstrations.
         clip_name: as `clip.load` takes it.
         device: "cpu" or "cuda".
@@ -194,7 +193,7 @@ def train_from_folder(
         all hold the same weights.
 
     Raises:
-        ValueError: no GPU, too many or no demonstrations, an unknown method, or see `train`.
+        ValueError: no GPU, more episodes than there are or none, or see `train`.
         FloatingPointError: see `train`.
         OSError: no demonstrations, or what has to be written cannot be; see `train`.
     """
@@ -202,8 +201,7 @@ def train_from_folder(
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
     demos = _first_demonstrations(folder, episodes)
     table = tasks.make(demos[0].task).workspace.length
-    kind, settings = methods.find(method, settings.on_table(table))
-    policy = kind(settings, clip.load(clip_name), seed=seed)
+    policy = method(settings.on_table(table), clip.load(clip_name), seed=seed)
     cost = train(policy, policy.prepare(demos), seed, run, device)
     if not PartialState().is_main_process:
         return None
