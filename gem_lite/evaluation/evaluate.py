@@ -233,6 +233,6 @@ def _named(method: str, task_name: str, split: tasks.Split, checkpoint: Path | N
         return method, results.facts_of(None, settings)
     method = methods.canonical(method)
     if checkpoint is None:
-        raise ValueError(f"{method} needs a checkpoint: see --checkpoint")
+        raise ValueError(f"{method} needs --checkpoint")
     card = read_card(checkpoint)
     return method, results.facts_of(card, methods.of_card(card)[1])
