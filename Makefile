@@ -34,7 +34,7 @@ $(READY): environment.txt pyproject.toml | check-python
 
 demo: $(READY)
 	@echo "Running the quickstart: a sentence in, a placed block out."
-	@$(BIN)/python -m gem_lite.cli.demo
+	@$(BIN)/gem-lite demo
 
 lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."

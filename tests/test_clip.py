@@ -198,7 +198,7 @@ def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     assert real.embed_texts(["red block"]).shape == (1, 24)
     assert real.fingerprint != model.fingerprint
     assert calibration.path_for(real) != calibration.path_for(model)
-    with pytest.raises(FileNotFoundError, match=re.escape(f"python -m gem_lite.learning.calibrating {tmp_path}")):
+    with pytest.raises(FileNotFoundError, match=re.escape(f"gem-lite clip calibrate {tmp_path}")):
         _ = real.calibration
     # Dense: cells row by row, each most of all about what lies in it.
     picture = np.full((80, 160, 3), 90, np.uint8)

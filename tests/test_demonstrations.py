@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gem_lite import demonstrations, language, tasks
+from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.files import write_whole
 from gem_lite.learning import collecting
@@ -434,7 +435,7 @@ def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
 
 
 def test_verify_exits_with_2_and_one_line(tmp_path):
-    command = [sys.executable, "-m", "gem_lite.learning.collecting", "verify", str(tmp_path)]
+    command = [sys.executable, "-m", "gem_lite", "verify", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 2
     assert done.stdout == ""
@@ -442,10 +443,9 @@ def test_verify_exits_with_2_and_one_line(tmp_path):
     assert f"{tmp_path} holds no demonstrations" in done.stderr
 
 
-def test_verify_says_what_it_found(demo_set, monkeypatch, capsys):
+def test_verify_says_what_it_found(demo_set, capsys):
     folder, collected = demo_set
-    monkeypatch.setattr(sys, "argv", ["demonstrations", "verify", str(folder)])
-    collecting.main()
+    assert main(["verify", str(folder)]) == 0
     steps = sum(len(demonstration.steps) for demonstration in collected)
     assert f"2 episodes, {steps} steps, data hash {data_hash(folder)[:12]}" in capsys.readouterr().out
 
@@ -455,16 +455,10 @@ def test_collect_by_command_says_how_to_go_on(tmp_path, monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(collecting, "roll_out", stopped)
-    monkeypatch.setattr(sys, "argv", ["demonstrations", "collect", TASK, str(tmp_path / "new"), "--episodes", "1"])
-    with pytest.raises(SystemExit) as exit_:
-        collecting.main()
-    assert exit_.value.code == 130
+    assert main(["collect", TASK, str(tmp_path / "new"), "--episodes", "1"]) == 130
     assert f"the same command goes on from the episodes in {tmp_path / 'new'}" in capsys.readouterr().err
 
 
-def test_collect_by_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["demonstrations", "collect", "no-such-task", str(tmp_path / "new")])
-    with pytest.raises(SystemExit) as exit_:
-        collecting.main()
-    assert exit_.value.code == 2
+def test_collect_by_command_says_what_is_wrong(tmp_path, capsys):
+    assert main(["collect", "no-such-task", str(tmp_path / "new")]) == 2
     assert "no task is named 'no-such-task'" in capsys.readouterr().err

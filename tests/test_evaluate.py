@@ -1,9 +1,8 @@
-import sys
-
 import numpy as np
 import pytest
 
 from gem_lite import clip, colors, tasks
+from gem_lite.cli import main
 from gem_lite.config import LITE
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.evaluate import Episode
@@ -86,12 +85,7 @@ def command(monkeypatch, tmp_path):
 
     def run(*words, measured=True):
         monkeypatch.setattr(evaluate, "evaluate", play if measured else evaluate.evaluate)
-        monkeypatch.setattr(sys, "argv", ["evaluate", *words])
-        try:
-            evaluate.main()
-        except SystemExit as stopped:
-            return stopped.code
-        return 0
+        return main(["evaluate", *words])
 
     return run
 

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from gem_lite import clip
+from gem_lite.cli import main
 from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import checkpoints, transporter
@@ -209,26 +210,24 @@ def test_several_processes_average_their_gradients(prepared, model, tmp_path):
         assert not all(torch.allclose(one[role][name], value) for name, value in module.state_dict().items())
 
 
-def run_main(monkeypatch, capsys, *arguments):
-    """(exit status, what was written to stderr) of ``python -m gem_lite.learning.train ARGUMENTS``."""
-    monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
-    with pytest.raises(SystemExit) as exit_:
-        train.main()
-    return exit_.value.code, capsys.readouterr().err
+def run_main(capsys, *arguments):
+    """(exit status, what was written to stderr) of ``gem-lite train ARGUMENTS``."""
+    code = main(["train", *map(str, arguments)])
+    return code, capsys.readouterr().err
 
 
 def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatch, capsys):
     folder, checkpoint = demo_set[0], tmp_path / "policy.safetensors"
     monkeypatch.chdir(tmp_path)
-    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--method", "gpt")
+    code, said = run_main(capsys, folder, checkpoint, "--method", "gpt")
     assert code == 2
     assert "method must be one of" in said and "got 'gpt'" in said
     assert "transporter-lan" in said
-    code, said = run_main(monkeypatch, capsys, tmp_path / "nowhere", checkpoint)
+    code, said = run_main(capsys, tmp_path / "nowhere", checkpoint)
     assert code == 2
     assert "holds no demonstrations" in said
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--device", "cuda")
+    code, said = run_main(capsys, folder, checkpoint, "--device", "cuda")
     assert code == 2
     assert "no GPU" in said
 
@@ -236,7 +235,7 @@ def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(train, "train", stopped)
-    code, said = run_main(monkeypatch, capsys, folder, checkpoint, "--method", "transporter-lan")
+    code, said = run_main(capsys, folder, checkpoint, "--method", "transporter-lan")
     assert code == 130
     assert "the same command goes on" in said
     assert not checkpoint.exists()
@@ -244,16 +243,15 @@ def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatc
 
 def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(train.config.CONFIGS, "lite", SMALL)
-    arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--steps", 2, "--seed", 4)
+    arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--seed", 4)
+    arguments += ("--config.steps", 2, "--config.batch", 1)
     with monkeypatch.context() as patch:
         fail_from_the_nth_write(patch, 1, "t.safetensors")
-        code, said = run_main(patch, capsys, *arguments)
+        code, said = run_main(capsys, *arguments)
     assert code == 2
     assert "No space left" in said
     assert torch.load(tmp_path / "runs" / "t" / "state.pt")["step"] == 2
-    monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
-    train.main()
+    assert main(["train", *map(str, arguments)]) == 0
     said = capsys.readouterr().out
     assert "resuming at step 2" in said
     assert "transporter-lan on 2 demonstrations" in said
@@ -326,12 +324,10 @@ def test_the_paper_configuration_starts_and_resumes_on_a_cpu(demo_set, tmp_path,
 
     monkeypatch.setattr(train, "make_batch", stop_at_the_second)
     monkeypatch.setattr(train, "SAVE_SECONDS", 0)
-    command = ["train", str(demo_set[0]), str(tmp_path / "paper.safetensors"), "--config", "paper", "--episodes", "1"]
-    monkeypatch.setattr(sys, "argv", [*command, "--run", str(run)])
+    command = ["train", str(demo_set[0]), str(tmp_path / "paper.safetensors"), "--preset", "paper", "--episodes", "1"]
+    command += ["--state", str(run)]
     for steps in (1, 2):
-        with pytest.raises(SystemExit) as stop:
-            train.main()
-        assert stop.value.code == 130
+        assert main(command) == 130
         said = capsys.readouterr()
         assert "the same command goes on from the last state" in said.err
         assert ("resuming at step 1" in said.out) == (steps == 2)

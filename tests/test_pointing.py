@@ -1,6 +1,5 @@
 import dataclasses
 import itertools
-import sys
 
 import numpy as np
 import pytest
@@ -273,11 +272,3 @@ def test_packing_rows_count_maps_that_point_at_the_piece(model, monkeypatch, tmp
     assert sum(e.reward for e in pointing.play_packing("packing-shapes-seen", 2, model)) == 0
     with pytest.raises(ValueError, match="needs one of packing-shapes-seen"):
         pointing.play_packing("bars-in-box", 2, model)
-
-
-def test_help_has_an_example(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["pointing", "--help"])
-    with pytest.raises(SystemExit) as stop:
-        pointing.main()
-    assert stop.value.code == 0
-    assert "python -m gem_lite.evaluation.pointing --scenes 200" in capsys.readouterr().out

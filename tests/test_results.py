@@ -199,11 +199,11 @@ def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
     experiment = Experiment("cliport", TASK, demos=5, seed=2)
     trained, *measured = experiment.commands()
     state = tmp_path / "experiments" / "state" / experiment.name
-    assert trained[0] == "gem_lite.learning.train" and trained[-2:] == ["--run", str(state)]
+    assert trained[0] == "train" and trained[-2:] == ["--state", str(state)]
     assert [command[2] for command in measured] == list(experiment.measured_on)
     card(experiment)
     assert experiment.commands() == measured
-    assert [command[0] for command in Experiment("random", TASK).commands()] == ["gem_lite.evaluation.evaluate"] * 2
+    assert [command[0] for command in Experiment("random", TASK).commands()] == ["evaluate"] * 2
 
 
 def test_a_checkpoint_of_another_training_is_not_measured(card):
@@ -229,12 +229,12 @@ def test_the_demonstrations_world_names_the_files_where_it_is_not_the_plans(tmp_
     )
     monkeypatch.setattr(experiments, "FOLDER", tmp_path)
     asked = []
-    monkeypatch.setattr(experiments.subprocess, "run", lambda command, check: asked.append(command[2:]))
+    monkeypatch.setattr(experiments.subprocess, "run", lambda command, check: asked.append(command[3:]))
     experiments.collect([plain, home, Experiment("gem", TASK, demos=20), Experiment("expert", TASK)])
     folders = [str(experiments.demonstrations_of(TASK, world)) for world in ("varied", "home")]
     assert len(set(folders)) == 2
     assert asked == [
-        ["gem_lite.learning.collecting", "collect", TASK, folder, "--episodes", count, "--world", world]
+        ["collect", TASK, folder, "--episodes", count, "--world", world]
         for folder, count, world in zip(folders, ("20", "10"), ("varied", "home"), strict=True)
     ]
 
@@ -279,7 +279,7 @@ def test_scripted_experiments_know_when_they_are_done(tmp_path, monkeypatch):
 def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):
     monkeypatch.setattr(experiments, "FOLDER", tmp_path)
     experiment = Experiment("gem", TASK)
-    monkeypatch.setattr(Experiment, "commands", lambda self: [["gem_lite.learning.train", "nowhere", "x.safetensors"]])
+    monkeypatch.setattr(Experiment, "commands", lambda self: [["train", "nowhere", "x.safetensors"]])
     with pytest.raises(RuntimeError, match="ended with code 2"):
         experiments.run(experiment)
     assert "holds no demonstrations" in (tmp_path / "logs" / f"{experiment.name}.log").read_text()

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 import torch
 
 from gem_lite import clip, tasks
+from gem_lite.cli import main
 from gem_lite.clip_training import clip_crops, vocabulary
 from gem_lite.config import LITE
 from gem_lite.evaluation import evaluate_mobile, results
@@ -175,21 +175,17 @@ def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
         results.file_rows(short, path, evaluate_mobile.IDENTITY)
 
 
-def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
+def test_bad_requests_are_refused(tmp_path, capsys):
     with pytest.raises(ValueError, match="task must be one of object-sorting-seen"):
         evaluate_mobile.measure(tmp_path / "none", "bars-in-box", 1, [Condition("tags")])
     with pytest.raises(ValueError, match="episodes must be at least 1"):
         evaluate_mobile.measure(tmp_path / "none", "object-sorting-seen", 0, [Condition("tags")])
-    arguments = ["evaluate_mobile", str(tmp_path / "none.safetensors"), "--clip", str(clip.EMBEDDED)]
-    monkeypatch.setattr(sys, "argv", arguments)
-    with pytest.raises(SystemExit) as stopped:
-        evaluate_mobile.main()
-    assert stopped.value.code == 2 and "none.safetensors is missing" in capsys.readouterr().err
+    missing = str(tmp_path / "none.safetensors")
+    assert main(["several-tables", missing, "--clip", str(clip.EMBEDDED)]) == 2
+    assert "none.safetensors is missing" in capsys.readouterr().err
     shipped = str(clip.DATA / "gem-object-sorting.safetensors")
-    monkeypatch.setattr(sys, "argv", ["evaluate_mobile", shipped, "--world", "mars"])
-    with pytest.raises(SystemExit) as stopped:
-        evaluate_mobile.main()
-    assert stopped.value.code == 2 and "world must be one of home" in capsys.readouterr().err
+    assert main(["several-tables", shipped, "--world", "mars"]) == 2
+    assert "world must be one of home" in capsys.readouterr().err
 
 
 def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):

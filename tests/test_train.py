@@ -1,6 +1,5 @@
 import dataclasses
 import json
-import sys
 import weakref
 from collections.abc import Sequence
 
@@ -9,6 +8,7 @@ import pytest
 import torch
 
 from gem_lite import clip, demonstrations
+from gem_lite.cli import main
 from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import base as policy_module
@@ -172,10 +172,8 @@ def test_a_seed_decides_everything(prepared, model, tmp_path):
     assert not torch.equal(found[0], found[2])
 
 
-def test_help_names_every_method(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["train", "--help"])
-    with pytest.raises(SystemExit):
-        train.main()
+def test_help_names_every_method(capsys):
+    assert main(["train", "--help"]) == 0
     said = capsys.readouterr().out
     assert all(f"  {name} " in said for name in methods.NAMES)
 
@@ -311,13 +309,8 @@ def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
 @pytest.mark.parametrize("episodes", ["0", "-1", "3"])
 def test_a_number_of_episodes_that_is_not_there_is_refused(episodes, demo_set, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        sys, "argv", ["train", str(demo_set[0]), str(tmp_path / "p.safetensors"), "--episodes", episodes]
-    )
-    with pytest.raises(SystemExit) as stop:
-        train.main()
-    assert stop.value.code == 2
-    assert "--episodes must be at" in capsys.readouterr().err
+    assert main(["train", str(demo_set[0]), str(tmp_path / "p.safetensors"), "--episodes", episodes]) == 2
+    assert "episodes must be at" in capsys.readouterr().err
 
 
 def test_steps_are_read_one_episode_at_a_time(demonstrations_small):

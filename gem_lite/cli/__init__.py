@@ -1,1 +1,102 @@
-"""The commands."""
+"""The command ``gem-lite``: its subcommands by name."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+from gem_lite.cli import errors
+from gem_lite.cli.command import Command, parse
+
+# A subcommand's module is imported by its name, and only if it is the one asked for: torch and pybullet take seconds
+# to load, and the demo's or another command's help should not wait for what it does not use.
+COMMANDS = {
+    "demo": ("demo", "Demo", "run the quickstart: a sentence in, a placed block out"),
+    "collect": ("collect", "Collect", "let the expert do episodes of a task, and save them"),
+    "verify": ("collect", "Verify", "load saved demonstrations and check every file's sum"),
+    "train": ("train", "Train", "train a method from demonstrations"),
+    "evaluate": ("evaluate", "Evaluate", "measure a policy over episodes"),
+    "several-tables": ("several_tables", "SeveralTables", "measure a policy over several tables"),
+    "pointing": ("pointing", "Pointing", "play the pointing game with the semantic maps"),
+    "clip pretrain": ("clip", "Pretrain", "train the embedded CLIP from scratch"),
+    "clip extend": ("clip", "Extend", "train the embedded CLIP further, on boxes with symbols"),
+    "clip card": ("clip", "Card", "measure an embedded CLIP and write its card"),
+    "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
+    "results list": ("results", "List", "the files of results, and what they hold"),
+    "results show": ("results", "Show", "the rows of a file of results"),
+    "results plan": ("results", "Plan", "the experiments behind the lessons: what is filed, what is to do"),
+    "results run": ("results", "Run", "train and measure what is to do of that plan, and file it"),
+}
+"""Each subcommand's module in this package, its class there, and what it does."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line.
+
+    Args:
+        argv: its words, without the program's name; `sys.argv` has them if they are None.
+
+    Returns:
+        The exit code: 0; 2 for anything wrong, which one sentence on stderr names; 130 after Ctrl-C.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    command: Command | None = None
+    try:
+        name, rest = split(words)
+        if name not in COMMANDS:
+            print(overview(name))
+            return 0
+        command = read(name, rest)
+        command.run()
+    except SystemExit as end:  # The help was asked for.
+        return end.code or 0
+    except KeyboardInterrupt:
+        print(f"\n{command.after_stop() if command else 'stopped'}", file=sys.stderr)
+        return 130
+    except (command or Command).failures as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 2
+    return 0
+
+
+def split(words: Sequence[str]) -> tuple[str, list[str]]:
+    """A subcommand's name, of one word or two, and the words after it. The name is a group's for an overview.
+
+    Raises:
+        ValueError: no such subcommand; the message has the nearest one.
+    """
+    groups = {name.split()[0] for name in COMMANDS} - set(COMMANDS)
+    if not words or words[0] in ("-h", "--help"):
+        return "", []
+    first = words[0]
+    if first in COMMANDS:
+        return first, list(words[1:])
+    if first in groups and (len(words) == 1 or words[1] in ("-h", "--help")):
+        return first, []
+    name = f"{first} {words[1]}" if first in groups else first
+    if name in COMMANDS:
+        return name, list(words[2:])
+    raise ValueError(f"gem-lite has no command {name!r}; {errors.nearest(name, list(COMMANDS), 'gem-lite')}")
+
+
+def read(name: str, words: Sequence[str]) -> Command:
+    """The subcommand ``name`` with its arguments.
+
+    Raises:
+        ValueError: what is wrong with ``words``, in one sentence.
+        SystemExit: with code 0, after the help was asked for and printed.
+    """
+    module, kind, _ = COMMANDS[name]
+    return parse(getattr(importlib.import_module(f"gem_lite.cli.{module}"), kind), name, words)
+
+
+def overview(group: str = "") -> str:
+    """The help of ``gem-lite`` or of a group of its subcommands."""
+    prog = f"gem-lite {group}".strip()
+    lines = [f"  {name:16s}{about}" for name, (_, _, about) in COMMANDS.items() if name.startswith(group)]
+    example = next(name for name in COMMANDS if name.startswith(group))
+    return "\n".join([
+        f"usage: {prog} COMMAND ...", "", *lines, "", "gem-lite COMMAND --help explains a command.",
+        "example:", f"  gem-lite {example} --help",
+    ])  # fmt: skip

@@ -1,15 +1,18 @@
-"""``make demo``: run the quickstart notebook with progress, print its outcome, keep it and its figure."""
+"""``gem-lite demo``: run the quickstart notebook with progress, print its outcome, keep it and its figure."""
 
 from __future__ import annotations
 
-import argparse
 import base64
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import nbformat
 from nbclient import NotebookClient
+from typing_extensions import override
 
+from gem_lite.cli.command import Command
 from gem_lite.files import write_whole
 
 FIGURE_TAGS = ("decision", "outcome")
@@ -17,13 +20,33 @@ FIGURE_TAGS = ("decision", "outcome")
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "00_quickstart.ipynb"
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.cli.demo --help``."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder to write (default runs/demo)")
-    args = parser.parse_args()
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
-    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+@dataclass(frozen=True, kw_only=True)
+class Demo(Command):
+    """Run the quickstart notebook: a sentence in, maps, an action in PyBullet, the outcome and its figures."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite demo --out runs/demo",)
+
+    out: Path = Path("runs/demo")
+    """folder to write"""
+
+    @override
+    def run(self) -> None:
+        if not NOTEBOOK.exists():
+            raise FileNotFoundError(f"the demo needs {NOTEBOOK}: run it in a clone of the repository")
+        notebook = nbformat.read(NOTEBOOK, as_version=4)
+        code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+        execute(notebook, code)
+        write_whole(self.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
+        print(f"\nThe executed notebook: {self.out / NOTEBOOK.name}")
+        for tag in FIGURE_TAGS:
+            write_whole(self.out / f"{tag}.png", _tagged_picture(code, tag))
+            print(f"The figure of its {tag}: {self.out / tag}.png")
+        print("\n" + next(line for line in _printed(code) if line.startswith("outcome of")))
+        print("Open the series with: make lab")
+
+
+def execute(notebook: nbformat.NotebookNode, code: list[nbformat.NotebookNode]) -> None:
+    """Execute a notebook in place, and print the first line and the output of each of its ``code`` cells."""
     began = time.time()
 
     def report(cell: nbformat.NotebookNode, **_: object) -> None:
@@ -39,16 +62,9 @@ def main() -> None:
         notebook,
         kernel_name="python3",
         resources={"metadata": {"path": str(NOTEBOOK.parent)}},
-        on_cell_executed=lambda cell, **more: report(cell, **more),
+        on_cell_executed=report,
     )
     client.execute()
-    write_whole(args.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
-    print(f"\nThe executed notebook: {args.out / NOTEBOOK.name}")
-    for tag in FIGURE_TAGS:
-        write_whole(args.out / f"{tag}.png", _tagged_picture(code, tag))
-        print(f"The figure of its {tag}: {args.out / tag}.png")
-    print("\n" + next(line for line in _printed(code) if line.startswith("outcome of")))
-    print("Open the series with: make lab")
 
 
 def _printed(code: list[nbformat.NotebookNode]) -> list[str]:
@@ -59,7 +75,3 @@ def _printed(code: list[nbformat.NotebookNode]) -> list[str]:
 def _tagged_picture(code: list[nbformat.NotebookNode], tag: str) -> bytes:
     cell = next(cell for cell in code if tag in cell.metadata.get("tags", []))
     return base64.b64decode(next(o.data["image/png"] for o in cell.outputs if "image/png" in o.get("data", {})))
-
-
-if __name__ == "__main__":
-    main()

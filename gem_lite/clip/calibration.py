@@ -71,7 +71,7 @@ def read(clip: Clip) -> Calibration:
         ValueError: the file is damaged.
     """
     path = path_for(clip)
-    command = f"`python -m gem_lite.learning.calibrating {clip.folder or clip.name}`"
+    command = f"`gem-lite clip calibrate {clip.folder or clip.name}`"
     if not path.exists():
         raise FileNotFoundError(f"the CLIP {clip.name!r} has no calibration yet: measure it with {command}")
     values = read_json(path.read_bytes(), path)

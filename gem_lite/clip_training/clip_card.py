@@ -54,7 +54,7 @@ UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
 CARD = """# The embedded CLIP
 
 A small image-text model in the Hugging Face format (a residual convolutional image tower, a two-layer text tower,
-{parameters:.1f} M parameters), trained by `python -m gem_lite.clip_training.pretrain_clip` on {training_crops} crops
+{parameters:.1f} M parameters), trained by `gem-lite clip pretrain` on {training_crops} crops
 of scenes that it renders in PyBullet, with captions written by `gem_lite/clip_training/vocabulary.py`. It stands in for
 OpenAI's CLIP where there is no network; it is a different, far smaller model, and no figure made with it is one of
 OpenAI's CLIP. This card is written by the same command.

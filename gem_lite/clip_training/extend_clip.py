@@ -5,7 +5,6 @@ Kept apart from the first one, since a policy belongs to the CLIP that it was tr
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 
@@ -25,7 +24,7 @@ LEARNING_RATE = 5e-4
 
 CARD = """# The embedded CLIP for object-sorting
 
-`data/clip-tabletop` trained further by `python -m gem_lite.clip_training.extend_clip` on {crops} crops of
+`data/clip-tabletop` trained further by `gem-lite clip extend` on {crops} crops of
 {scenes} scenes, in which every fifth body is a box with a symbol on its floor: {boxes}.
 Weights are stored in half precision. What the other card says of it, and of what it is not (OpenAI's), holds here,
 too. This card is written by the same command.
@@ -68,38 +67,26 @@ def write_card(out: Path, before: Clip, after: Clip, crops: int, scenes: int, te
     return text
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.clip_training.extend_clip --help``."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.split("\n\n")[0],
-        epilog="example: python -m gem_lite.clip_training.extend_clip --scenes 700 --epochs 2",
-    )
-    parser.add_argument("--scenes", type=int, default=700, help="training scenes to render (default 700)")
-    parser.add_argument("--epochs", type=int, default=2, help="passes over the crops (default 2)")
-    parser.add_argument("--seed", type=int, default=1, help="seed of scenes and captions (default 1)")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder to write (default data/clip-sorting)")
-    parser.add_argument("--run", type=Path, default=Path("runs/extend_clip"), help="folder for crops and resuming")
-    args = parser.parse_args()
-    if args.scenes < 1 or args.epochs < 1:
-        parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
+def extend(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
+    """Render, train further, save, calibrate and measure the second embedded CLIP; returns its card and its numbers.
+
+    Args:
+        out: folder to write.
+        run: folder for the crops and for the state to resume from.
+
+    Raises:
+        ValueError: ``scenes`` or ``epochs`` below 1, or see `pretrain_clip.train`.
+    """
+    pretrain_clip.check_size(scenes, epochs)
     start = time.time()
-    crops = rendered_crops(args.run, args.scenes, args.seed, "sorting")
+    crops = rendered_crops(run, scenes, seed, "sorting")
     share = np.mean(crops.shape >= len(SHAPE_NAMES))
     print(f"{len(crops)} crops, {share:.0%} of them symbol boxes")
     before = clip.load(clip.EMBEDDED)
     begun = (ResNetClip.from_pretrained(clip.EMBEDDED, dtype=torch.float32), before.tokenizer)
-    try:
-        model, tokenizer = pretrain_clip.train(
-            crops, args.epochs, args.seed, args.run, rate=LEARNING_RATE, begun=begun
-        )  # fmt: skip
-    except ValueError as error:
-        parser.exit(2, f"{error}\n")
-    pretrain_clip.save(model.half(), tokenizer, args.out)
-    print(f"wrote {args.out} after {time.time() - start:.0f} s")
-    after = clip.load(args.out)
+    model, tokenizer = pretrain_clip.train(crops, epochs, seed, run, rate=LEARNING_RATE, begun=begun)
+    pretrain_clip.save(model.half(), tokenizer, out)
+    print(f"wrote {out} after {time.time() - start:.0f} s")
+    after = clip.load(out)
     calibration.write(after, calibrating.calibrate(after, calibrating.rendered_scenes()))
-    print(write_card(args.out, before, after, len(crops), args.scenes, 60), after.calibration)
-
-
-if __name__ == "__main__":
-    main()
+    return f"{write_card(out, before, after, len(crops), scenes, 60)} {after.calibration}"

@@ -7,7 +7,6 @@ broad, demonstrations are narrow, as in the paper.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -279,33 +278,28 @@ def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> No
     os.replace(fresh, out)
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.clip_training.pretrain_clip --help``."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.split("\n\n")[0],
-        epilog="example: python -m gem_lite.clip_training.pretrain_clip --scenes 2800 --epochs 4 --out runs/clip",
-    )
-    parser.add_argument("--scenes", type=int, default=2800, help="training scenes to render (default 2800)")
-    parser.add_argument("--epochs", type=int, default=4, help="passes over the crops (default 4)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of scenes, captions and weights (default 0)")
-    parser.add_argument("--out", type=Path, default=clip.EMBEDDED, help="folder to write (default the embedded CLIP's)")
-    parser.add_argument("--run", type=Path, default=Path("runs/pretrain_clip"), help="folder for crops and resuming")
-    args = parser.parse_args()
-    if args.scenes < 1 or args.epochs < 1:
-        parser.error(f"--scenes and --epochs must be at least 1, got {args.scenes} and {args.epochs}")
+def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
+    """Render, train, save, calibrate and measure the embedded CLIP in the folder ``out``; returns its card.
+
+    Args:
+        run: folder for the crops and for the state to resume from.
+
+    Raises:
+        ValueError: ``scenes`` or ``epochs`` below 1, or see `train`.
+    """
+    check_size(scenes, epochs)
     start = time.time()
-    crops = rendered_crops(args.run, args.scenes, args.seed)
+    crops = rendered_crops(run, scenes, seed)
     print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")
-    try:
-        model, tokenizer = train(crops, args.epochs, args.seed, args.run)
-    except ValueError as error:
-        parser.exit(2, f"{error}\n")
-    save(model, tokenizer, args.out)
-    print(f"wrote {args.out} after {time.time() - start:.0f} s")
-    made = clip.load(args.out)
+    model, tokenizer = train(crops, epochs, seed, run)
+    save(model, tokenizer, out)
+    print(f"wrote {out} after {time.time() - start:.0f} s")
+    made = clip.load(out)
     calibration.write(made, calibrating.calibrate(made, calibrating.rendered_scenes()))
-    print(clip_card.write(args.out, made, len(crops)))
+    return clip_card.write(out, made, len(crops))
 
 
-if __name__ == "__main__":
-    main()
+def check_size(scenes: int, epochs: int) -> None:
+    """Raises ValueError if there is nothing to train on."""
+    if scenes < 1 or epochs < 1:
+        raise ValueError(f"scenes and epochs must be at least 1, got {scenes} and {epochs}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -227,57 +226,36 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
     return rows
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.evaluation.evaluate --help``."""
-    parser = argparse.ArgumentParser(
-        description="Measure a policy over test episodes; prints the mean with its 95 % interval and writes the row.",
-        epilog=methods.help_text()
-        + "\n  expert, expert-rounded, random          need no checkpoint; expert-rounded: what rounding alone costs"
-        "\n\nexample: python -m gem_lite.evaluation.evaluate gem put-block-in-bowl-unseen-colors "
-        "--checkpoint data/gem-put-block-in-bowl.safetensors",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("method", help="see below")
-    parser.add_argument("task", help=f"one of {', '.join(tasks.names())}")
-    parser.add_argument("--checkpoint", type=Path, help="of a learned method: the checkpoint to load")
-    parser.add_argument("--episodes", type=int, default=100, help="default 100")
-    parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
-    parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
-    parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--world", default="home", help=f"one of {', '.join(worlds.names())} (default home)")
-    results.add_output(parser)
-    args = parser.parse_args()
-    try:
-        out = results.output(args, tasks.family(args.task))
-        method, facts = _named(args)
-        expected = {"method": method, "task": args.task, "subset": "all", **facts, "episodes": args.episodes}
-        results.check_rows([expected], out)  # Before hours of measuring, not after them.
-        found = evaluate(
-            method, args.task, args.episodes, args.split, args.start,
-            checkpoint=args.checkpoint, clip_name=args.clip, processes=args.processes, world=args.world,
-        )  # fmt: skip
-        rows = rows_of(method, args.task, found, facts)
-        for row in rows:
-            print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
-        results.file_rows(rows, out)
-    except (OSError, ValueError) as error:
-        parser.exit(2, f"{error}\n")
-    print(f"the rows are in {out}")
+def measure_and_file(
+    method: str, task_name: str, path: Path, episodes: int = 100, split: tasks.Split = "test", start: int = 0,
+    checkpoint: Path | None = None, clip_name: str | None = None, processes: int | None = None, world: str = "home",
+) -> list[dict]:  # fmt: skip
+    """`evaluate` a method and file its rows in ``path``: one of all episodes, and one of each of the task's subsets.
+
+    Raises:
+        ValueError: see `evaluate`, or ``path`` holds a row over more episodes; the latter is said before measuring.
+        FileNotFoundError: no such checkpoint.
+    """
+    method, facts = _named(method, task_name, split, checkpoint)
+    facts = {"world": world, "split": split, "start": start} | facts
+    expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
+    results.check_rows([expected], path)  # Before hours of measuring, not after them.
+    played = evaluate(
+        method, task_name, episodes, split, start, checkpoint=checkpoint, clip_name=clip_name, processes=processes,
+        world=world,
+    )  # fmt: skip
+    rows = rows_of(method, task_name, played, facts)
+    results.file_rows(rows, path)
+    return rows
 
 
-def _named(args: argparse.Namespace) -> tuple[str, dict]:
-    """The method's name, and the rest of what names its rows."""
-    where = {"world": args.world, "split": args.split, "start": args.start}
-    if args.method in SCRIPTED:
-        settings = None if args.method == "expert" else settings_of(args.task, args.split)
-        return args.method, where | results.facts_of(None, settings)
-    method = methods.canonical(args.method)
-    if args.checkpoint is None:
+def _named(method: str, task_name: str, split: tasks.Split, checkpoint: Path | None) -> tuple[str, dict]:
+    """The method's name as results hold it, and what a row says of its policy."""
+    if method in SCRIPTED:
+        settings = None if method == "expert" else settings_of(task_name, split)
+        return method, results.facts_of(None, settings)
+    method = methods.canonical(method)
+    if checkpoint is None:
         raise ValueError(f"{method} needs --checkpoint")
-    card = read_card(args.checkpoint)
-    return method, where | results.facts_of(card, methods.of_card(card)[1])
-
-
-if __name__ == "__main__":
-    main()
+    card = read_card(checkpoint)
+    return method, results.facts_of(card, methods.of_card(card)[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -151,50 +150,32 @@ def cell(task: str, condition: Condition, tables: int = 2, world: str = "home") 
     return results.pool(results.select(results.read_rows(results.results_file(task)), wanted, shown), identity=IDENTITY)
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.evaluation.evaluate_mobile --help``."""
-    parser = argparse.ArgumentParser(
-        description="Measure a policy over several tables; prints the mean with its 95 % interval and writes the rows.",
-        epilog="example: python -m gem_lite.evaluation.evaluate_mobile data/gem-object-sorting.safetensors --curve",
-    )
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS), help=f"default {' '.join(TASKS)}")
-    parser.add_argument("--episodes", type=int, default=100, help="default 100")
-    parser.add_argument("--start", type=int, default=0, help="index of the first episode of the split (default 0)")
-    parser.add_argument("--split", default="test", choices=list(tasks.SEED_START), help="default test")
-    parser.add_argument("--tables", type=int, default=2, help="default 2")
-    parser.add_argument("--curve", action="store_true", help="also with injected errors of the poses")
-    parser.add_argument("--clip", default=str(clip.DATA / "clip-sorting"), help="default: the embedded one for sorting")
-    parser.add_argument("--processes", type=int, help="how many episodes run at once (default: one a core)")
-    parser.add_argument("--world", default="home", help=f"one of {', '.join(worlds.names())} (default home)")
-    results.add_output(parser)
-    args = parser.parse_args()
-    conditions = [Condition("tags"), Condition("truth"), *(CURVE if args.curve else ())]
-    for task in args.tasks:
-        out = results.output(args, tasks.family(task))
-        try:
-            card = read_card(args.checkpoint)
-            facts = {
-                "method": methods.canonical(card["method"]), "task": task, "tables": args.tables, "world": args.world,
-                "split": args.split, "start": args.start, **results.facts_of(card, methods.of_card(card)[1]),
-            }  # fmt: skip
-            expected = [facts | condition._asdict() | {"episodes": args.episodes} for condition in conditions]
-            results.check_rows(expected, out, IDENTITY)  # Before hours of measuring, not after them.
-            found = measure(
-                args.checkpoint, task, args.episodes, conditions, args.split, args.start, args.clip, args.tables,
-                args.processes, args.world,
-            )  # fmt: skip
-            rows = rows_of(found, conditions, facts)
-            for row in rows:
-                print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
-            for one in found:
-                for error in one.errors:
-                    print(f"episode {one.index}: {error}")
-            results.file_rows(rows, out, IDENTITY)
-        except (OSError, ValueError) as error:
-            parser.exit(2, f"{error}\n")
-        print(f"the rows are in {out}")
+def measure_and_file(
+    checkpoint: Path, task_name: str, path: Path, curve: bool = False, episodes: int = 100,
+    split: tasks.Split = "test", start: int = 0, clip_name: str | None = None, tables: int = 2,
+    processes: int | None = None, world: str = "home",
+) -> tuple[list[dict], list[str]]:  # fmt: skip
+    """`measure` a policy by its tables' tags and by the truth, and file the rows in ``path``, one a condition.
 
+    Args:
+        curve: also under the injected errors of `CURVE`.
 
-if __name__ == "__main__":
-    main()
+    Returns:
+        The rows, and for each time that the robot could not act, the episode and what kept it from acting.
+
+    Raises:
+        ValueError: see `measure`, or ``path`` holds a row over more episodes; the latter is said before measuring.
+        FileNotFoundError: no such checkpoint.
+    """
+    conditions = [Condition("tags"), Condition("truth"), *(CURVE if curve else ())]
+    card = read_card(checkpoint)
+    facts = {
+        "method": methods.canonical(card["method"]), "task": task_name, "tables": tables, "world": world,
+        "split": split, "start": start, **results.facts_of(card, methods.of_card(card)[1]),
+    }  # fmt: skip
+    expected = [facts | condition._asdict() | {"episodes": episodes} for condition in conditions]
+    results.check_rows(expected, path, IDENTITY)  # Before hours of measuring, not after them.
+    found = measure(checkpoint, task_name, episodes, conditions, split, start, clip_name, tables, processes, world)
+    rows = rows_of(found, conditions, facts)
+    results.file_rows(rows, path, IDENTITY)
+    return rows, [f"episode {outcome.index}: {error}" for outcome in found for error in outcome.errors]

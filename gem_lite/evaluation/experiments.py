@@ -6,7 +6,6 @@ core, as many side by side as there are cores; what was stopped goes on where it
 
 from __future__ import annotations
 
-import argparse
 import functools
 import os
 import subprocess
@@ -26,6 +25,8 @@ from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import ABLATIONS, LITE
 
 FOLDER = Path("runs/experiments")
+GEM_LITE = (sys.executable, "-m", "gem_lite")
+"""The command `gem-lite` of this environment."""
 BOWL, PYRAMID, PACKING = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"
 INSERTION, BARS = "block-insertion", "bars-in-box"
 
@@ -137,7 +138,7 @@ class Experiment:
             )
 
     def commands(self) -> list[list[str]]:
-        """What has to run, one after the other: arguments of ``python -m``.
+        """What has to run, one after the other: arguments of ``gem-lite``.
 
         Raises:
             RuntimeError: its checkpoint comes from another training.
@@ -145,9 +146,7 @@ class Experiment:
         out = ["--out", str(self.rows)]
         count = str(self.episodes)
         if self.method == pointing.METHOD:
-            return [
-                ["gem_lite.evaluation.pointing", "--task", task, "--scenes", count, *out] for task in self.measured_on
-            ]
+            return [["pointing", "--task", task, "--scenes", count, *out] for task in self.measured_on]
         needed = []
         measure = ["--episodes", count, "--processes", "1", *out]
         if not self.scripted:
@@ -157,11 +156,11 @@ class Experiment:
             else:
                 folder = demonstrations_of(self.task, self.demonstrations_world)
                 needed.append(
-                    ["gem_lite.learning.train", str(folder), str(self.checkpoint), "--method", self.method,
-                     "--episodes", str(self.demos), "--seed", str(self.seed), "--steps", str(self.steps),
-                     "--run", str(FOLDER / "state" / self.name)]
+                    ["train", str(folder), str(self.checkpoint), "--method", self.method,
+                     "--episodes", str(self.demos), "--seed", str(self.seed), "--config.steps", str(self.steps),
+                     "--state", str(FOLDER / "state" / self.name)]
                 )  # fmt: skip
-        return needed + [["gem_lite.evaluation.evaluate", self.method, task, *measure] for task in self.measured_on]
+        return needed + [["evaluate", self.method, task, *measure] for task in self.measured_on]
 
     @property
     def rows(self) -> Path:
@@ -220,7 +219,7 @@ def run(experiment: Experiment) -> list[dict]:
     with log.open("a") as out:
         for command in commands:
             ended = subprocess.run(
-                [sys.executable, "-m", *command], stdout=out, stderr=out, env={**os.environ, "OMP_NUM_THREADS": "1"}
+                [*GEM_LITE, *command], stdout=out, stderr=out, env={**os.environ, "OMP_NUM_THREADS": "1"}
             )
             if ended.returncode:
                 raise RuntimeError(f"{experiment.name} ended with code {ended.returncode}; see {log}")
@@ -237,49 +236,34 @@ def collect(plan: Sequence[Experiment]) -> None:
     for (task, world), count in needed.items():
         folder = demonstrations_of(task, world)
         if not folder.exists() or len(list(folder.glob("*.npz"))) < count:
-            command = ["gem_lite.learning.collecting", "collect", task, str(folder), "--episodes", str(count)]
-            subprocess.run([sys.executable, "-m", *command, "--world", world], check=True)
+            command = ["collect", task, str(folder), "--episodes", str(count), "--world", world]
+            subprocess.run([*GEM_LITE, *command], check=True)
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.evaluation.experiments --help``."""
-    parser = argparse.ArgumentParser(
-        description="Train and measure the whole comparison and file it in data/results; what is filed is left out.",
-        epilog="examples:\n  python -m gem_lite.evaluation.experiments --list"
-        "\n  python -m gem_lite.evaluation.experiments --only cliport",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--only", default="", help="only experiments whose name holds this")
-    parser.add_argument("--list", action="store_true", help="show what there is, and do nothing")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many at once (default: one a core)")
-    args = parser.parse_args()
-    plan = [experiment for experiment in PLAN if args.only in experiment.name]
-    if args.list:
-        for experiment in plan:
-            print(f"{'filed' if experiment.done() else 'to do':6s} {experiment.name}, {experiment.episodes} episodes")
-        return
+def run_all(plan: Sequence[Experiment], jobs: int) -> None:
+    """Run the experiments of ``plan`` that are not filed, ``jobs`` at once, and file their rows; prints each row.
+
+    Raises:
+        RuntimeError: demonstrations could not be collected, or experiments failed; all others are filed then.
+    """
     plan = [experiment for experiment in plan if not experiment.done()]
-    failed = []
     try:
         collect(plan)
     except subprocess.CalledProcessError as error:
-        parser.exit(2, f"collecting demonstrations failed: {error}\n")
-    with ThreadPoolExecutor(args.jobs) as pool, tqdm(total=len(plan), desc="experiments") as bar:
+        raise RuntimeError(f"collecting demonstrations failed: {error}") from error
+    failed = 0
+    with ThreadPoolExecutor(jobs) as pool, tqdm(total=len(plan), desc="experiments") as bar:
         running = {pool.submit(run, experiment): experiment for experiment in plan}
         for ended in as_completed(running):
             try:
                 rows = ended.result()
                 results.file_rows(rows, results.results_file(running[ended].task))
             except (OSError, RuntimeError, ValueError) as error:
-                failed.append(str(error))
+                failed += 1
                 bar.write(str(error))
             else:
                 for row in rows:
                     bar.write("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
             bar.update()
     if failed:
-        parser.exit(1, f"{len(failed)} experiments failed; the same command tries them again\n")
-
-
-if __name__ == "__main__":
-    main()
+        raise RuntimeError(f"{failed} experiments failed; the same command tries them again")

@@ -6,13 +6,13 @@ the maps are asked about.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -23,7 +23,6 @@ from gem_lite.clip import Clip
 from gem_lite.evaluation import results, statistics
 from gem_lite.evaluation.evaluate import CHUNK, Episode
 from gem_lite.evaluation.pointing_scenes import (
-    KINDS,
     PACKING,
     Scene,
     check_kind,
@@ -255,52 +254,45 @@ def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]
     return rows
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.evaluation.pointing --help``."""
-    parser = argparse.ArgumentParser(
-        description="Play the pointing game with every kind of semantic map; prints and writes one row a map.",
-        epilog="examples:\n  python -m gem_lite.evaluation.pointing --scenes 200 --kind shapes"
-        "\n  python -m gem_lite.evaluation.pointing --scenes 100 --task packing-shapes-unseen",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def measure_scenes(
+    kind: str, scenes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
+) -> list[dict]:
+    """`play` scenes of a kind with every map, and file the rows in ``path``; see `play` for what is refused."""
+    scene_seeds(scenes)
+    model = clip.load(clip_name)
+    memory = demonstrated_crops(kind, model, settings)
+    facts = results.facts_of(None, settings)
+    facts = {
+        "world": "home", "clip": model.name, "clip_fingerprint": model.fingerprint, "config": facts["config"],
+        "config_hash": facts["config_hash"], "crops": len(memory.entries),
+    }  # fmt: skip
+    rows = result_rows(kind, play(kind, scenes, memory, clip_name, settings), facts)
+    results.file_rows(rows, path, IDENTITY)
+    return rows
+
+
+def measure_packing(
+    task_name: str, episodes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
+) -> dict:
+    """`play_packing` and file its row in ``path``.
+
+    Raises:
+        ValueError: see `play_packing`, or ``path`` holds a row over more episodes, said before playing.
+    """
+    model = clip.load(clip_name)
+    facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
+    facts |= {"world": "home", "split": "test", "start": 0}
+    expected = {"method": METHOD, "task": task_name, "subset": "all", **facts, "episodes": episodes}
+    results.check_rows([expected], path)
+    row = results.result_row(METHOD, task_name, play_packing(task_name, episodes, model, settings), "all", facts)
+    results.file_rows([row], path)
+    return row
+
+
+def described(row: dict) -> str:
+    """A row of `result_rows` in one line."""
+    near, exact = (row[key] and "{mean} {ci95}".format(**row[key]) for key in (NEAR, "exact"))
+    return (
+        f"{row['scenes']}, {row['map']}: near {near}, exact {exact}, {row['phrases']} phrases, "
+        f"{row['without_crop']} more had no crop"
     )
-    parser.add_argument("--scenes", type=int, default=200, help="how many scenes of a kind (default 200)")
-    parser.add_argument("--kind", choices=KINDS, help="which scenes (default: both kinds)")
-    parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--task", choices=PACKING, help="instead: the test episodes of this task, text map alone")
-    results.add_output(parser)
-    args = parser.parse_args()
-    settings = LITE
-    try:
-        scene_seeds(args.scenes)
-        model = clip.load(args.clip)
-        facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
-        facts |= {"world": "home"}
-        if args.task:
-            out = results.output(args, tasks.family(args.task))
-            facts |= {"split": "test", "start": 0}
-            expected = {"method": METHOD, "task": args.task, "subset": "all", **facts, "episodes": args.scenes}
-            results.check_rows([expected], out)
-            found = play_packing(args.task, args.scenes, model, settings)
-            row = results.result_row(METHOD, args.task, found, "all", facts)
-            results.file_rows([row], out)
-            print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
-            print(f"the row is in {out}")
-            return
-        out = results.output(args, "pointing")
-        facts = {name: facts[name] for name in ("world", "clip", "clip_fingerprint", "config", "config_hash")}
-        for kind in [args.kind] if args.kind else KINDS:
-            memory = demonstrated_crops(kind, model, settings)
-            found = play(kind, args.scenes, memory, args.clip, settings)
-            rows = result_rows(kind, found, {**facts, "crops": len(memory.entries)})
-            results.file_rows(rows, out, IDENTITY)
-            for row in rows:
-                rates = (row[key] and "{mean} {ci95}".format(**row[key]) for key in (NEAR, "exact"))
-                print("{scenes}, {map}: near {}, exact {}, {phrases} phrases".format(*rates, **row), end=", ")
-                print("{without_crop} more had no crop".format(**row))
-        print(f"the rows are in {out}")
-    except (OSError, ValueError) as error:
-        parser.exit(2, f"{error}\n")
-
-
-if __name__ == "__main__":
-    main()

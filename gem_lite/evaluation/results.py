@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -89,16 +88,9 @@ def results_file(task_name: str) -> Path:
     return RESULTS / f"{tasks.family(task_name)}.jsonl"
 
 
-def add_output(parser: argparse.ArgumentParser) -> None:
-    """The options of a command line that say where rows go; `output` reads them."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--file", action="store_true", help=f"file the rows in data/results (default: in {RUNS})")
-    where.add_argument("--out", type=Path, help="write the rows to this file")
-
-
-def output(args: argparse.Namespace, name: str) -> Path:
-    """The file that `add_output`'s options ask for; ``name`` is its stem unless the user gave a path."""
-    return args.out or (RESULTS if args.file else RUNS) / f"{name}.jsonl"
+def output(filed: bool, path: Path | None, name: str) -> Path:
+    """Where rows go: to ``path`` if there is one, else to ``name`` among the ``filed`` rows or among `RUNS`."""
+    return path or (RESULTS if filed else RUNS) / f"{name}.jsonl"
 
 
 def read_rows(path: Path) -> list[dict]:

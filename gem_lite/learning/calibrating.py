@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -10,7 +9,6 @@ import numpy as np
 from tqdm import tqdm
 
 from gem_lite import clip, colors, language, tasks
-from gem_lite.clip import calibration
 from gem_lite.clip.calibration import Calibration
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.patches import PatchConfig
@@ -106,24 +104,3 @@ def retrieval_threshold(model: clip.Clip) -> float:
     nearest_other = np.where(own, -1, similarity).max(axis=1)
     spread = same.std() + nearest_other.std()
     return float((same.mean() * nearest_other.std() + nearest_other.mean() * same.std()) / spread)
-
-
-def main() -> None:
-    """Command line: see ``python -m gem_lite.learning.calibrating --help``."""
-    parser = argparse.ArgumentParser(
-        description="Measure the scale of a CLIP's scores and its retrieval threshold, and keep them.",
-        epilog="example: python -m gem_lite.learning.calibrating openai/clip-vit-base-patch32",
-    )
-    parser.add_argument("clip", help="Hugging Face name or folder of a CLIP")
-    args = parser.parse_args()
-    try:
-        model = clip.load(args.clip)
-        numbers = calibrate(model, rendered_scenes())
-        path = calibration.write(model, numbers)
-    except (OSError, ValueError) as error:
-        parser.exit(2, f"{error}\n")
-    print(f"{numbers}\nwrote {path}")
-
-
-if __name__ == "__main__":
-    main()

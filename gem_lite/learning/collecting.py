@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from tqdm import tqdm
@@ -97,38 +96,3 @@ def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
     if there != facts:
         raise ValueError(f"{folder} holds another set ({there}, not {facts}): give another folder, or remove it")
     return demonstrations.load(folder).files, manifest["next"]
-
-
-def main() -> None:
-    """Command line: see ``python -m gem_lite.learning.collecting --help``."""
-    parser = argparse.ArgumentParser(
-        description="Collect or verify expert demonstrations.",
-        epilog="example: python -m gem_lite.learning.collecting collect put-block-in-bowl-seen-colors runs/demos/bowl",
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    collecting = commands.add_parser("collect", help="let the expert do episodes and save them")
-    collecting.add_argument("task", help=f"one of {', '.join(tasks.names())}")
-    collecting.add_argument("folder", type=Path, help="where to save them")
-    collecting.add_argument("--episodes", type=int, default=10, help="how many (default 10)")
-    collecting.add_argument("--split", default="train", choices=list(tasks.SEED_START), help="default train")
-    collecting.add_argument("--world", default="home", choices=worlds.names(), help="how it looks (default home)")
-    verifying = commands.add_parser("verify", help="load a set and check every file's sum")
-    verifying.add_argument("folder", type=Path)
-    args = parser.parse_args()
-    try:
-        if args.command == "collect":
-            found = collect(args.task, args.episodes, args.folder, args.split, world=args.world)
-        else:
-            found = demonstrations.load(args.folder)
-        steps = sum(len(demonstration.steps) for demonstration in tqdm(found, "verifying", unit="episode"))
-    except (OSError, ValueError, RuntimeError) as error:
-        parser.exit(2, f"{error}\n")
-    except KeyboardInterrupt:
-        parser.exit(130, f"\nstopped; the same command goes on from the episodes in {args.folder}\n")
-    print(
-        f"{args.folder}: {len(found)} episodes, {steps} steps, data hash {demonstrations.data_hash(args.folder)[:12]}"
-    )
-
-
-if __name__ == "__main__":
-    main()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import os
 import shutil
 import time
@@ -23,7 +21,7 @@ from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.learning import augment, dataset
 from gem_lite.learning.dataset import StoredSteps
 from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
-from gem_lite.policies import checkpoints, methods
+from gem_lite.policies import checkpoints
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
@@ -207,67 +205,54 @@ def hardware(device: str) -> str:
     return f"{torch.get_num_threads()} of {os.cpu_count()} CPU cores"
 
 
-def main() -> None:
-    """Command line: see ``python -m gem_lite.learning.train --help``."""
-    parser = argparse.ArgumentParser(
-        description="Train a method from demonstrations.",
-        epilog=methods.help_text() + "\n\nexamples:"
-        "\n  python -m gem_lite.learning.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors"
-        "\n  accelerate launch --num_processes 4 -m gem_lite.learning.train "
-        "data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors --config paper --device cuda",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "demonstrations", type=Path, help="folder made by python -m gem_lite.learning.collecting collect"
-    )
-    parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
-    parser.add_argument("--method", default="gem", help="see below; default gem")
-    parser.add_argument("--config", choices=list(Config.PRESETS), default="lite", help="default lite")
-    parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
-    parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")
-    parser.add_argument("--seed", type=int, default=0, help="seed of weights and draws (default 0)")
-    parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (default: the embedded one)")
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default cpu")
-    parser.add_argument("--run", type=Path, help="folder for the state to resume from (default runs/<checkpoint>)")
-    args = parser.parse_args()
-    run = args.run or Path("runs") / args.checkpoint.stem
-    try:
-        if args.device == "cuda" and not torch.cuda.is_available():
-            raise ValueError("this machine has no GPU that torch can use; leave out --device cuda")
-        if args.episodes is not None and args.episodes < 1:
-            raise ValueError(f"--episodes must be at least 1, got {args.episodes}")
-        demos = demonstrations.load(args.demonstrations)[: args.episodes]
-        if args.episodes is not None and len(demos) < args.episodes:
-            raise ValueError(f"--episodes must be at most {len(demos)}, which {args.demonstrations} holds")
-        model = clip.load(args.clip)
-        method, settings = methods.find(args.method, args.config)
-        settings = settings.on_table(tasks.make(demos[0].task).workspace.length)
-        if args.steps is not None:
-            settings = dataclasses.replace(settings, steps=args.steps)
-        policy = method(settings, model, seed=args.seed)
-        cost = train(policy, prepared_steps(policy, demos, run, args.device), args.seed, run, args.device)
-        if not PartialState().is_main_process:
-            return  # all processes hold the same weights: one writes them
-        facts = {
-            "task": demos[0].task,
-            "demos": len(demos),
-            "demonstrations_world": demos[0].world,
-            "data_sha256": demonstrations.data_hash(args.demonstrations, args.episodes),
-            "seed": args.seed,
-            "train_seconds": round(cost.seconds, 1),
-            "train_cpu_seconds": round(cost.cpu_seconds, 1),
-            "hardware": hardware(args.device),
-        }
-        checkpoints.save_policy(policy, args.checkpoint, facts)
-    except (OSError, ValueError, FloatingPointError) as error:
-        parser.exit(2, f"{error}\n")
-    except KeyboardInterrupt:
-        parser.exit(130, f"\nstopped; the same command goes on from the last state in {run}\n")
+def train_from_folder(
+    folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
+    episodes: int | None = None, clip_name: str | None = None, device: str = "cpu",
+) -> dict | None:  # fmt: skip
+    """Train a method from the demonstrations in ``folder`` and write its checkpoint; resumes from ``run``, see `train`.
+
+    Args:
+        settings: the method's configuration; the length of its table becomes that of the demonstrations' task.
+        episodes: use only the first so many demonstrations.
+        clip_name: as `clip.load` takes it.
+        device: "cpu" or "cuda".
+
+    Returns:
+        What the checkpoint's card says of the training. None in all processes but the first, which alone writes:
+        all hold the same weights.
+
+    Raises:
+        ValueError: no GPU, more episodes than there are or none, or see `train`.
+        FloatingPointError: see `train`.
+        OSError: no demonstrations, or what has to be written cannot be; see `train`.
+    """
+    if device != "cpu" and not torch.cuda.is_available():
+        raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
+    demos = _first_demonstrations(folder, episodes)
+    table = tasks.make(demos[0].task).workspace.length
+    policy = method(settings.on_table(table), clip.load(clip_name), seed=seed)
+    cost = train(policy, prepared_steps(policy, demos, run, device), seed, run, device)
+    if not PartialState().is_main_process:
+        return None
+    facts = {
+        "task": demos[0].task,
+        "demos": len(demos),
+        "demonstrations_world": demos[0].world,
+        "data_sha256": demonstrations.data_hash(folder, episodes),
+        "seed": seed,
+        "train_seconds": round(cost.seconds, 1),
+        "train_cpu_seconds": round(cost.cpu_seconds, 1),
+        "hardware": hardware(device),
+    }
+    checkpoints.save_policy(policy, checkpoint, facts)
     discard(run)
-    print(
-        f"wrote {args.checkpoint} after {cost.seconds:.0f} s of training {policy.name} on {len(demos)} demonstrations"
-    )
+    return {"method": policy.name, **facts}
 
 
-if __name__ == "__main__":
-    main()
+def _first_demonstrations(folder: Path, episodes: int | None) -> DemonstrationSet:
+    if episodes is not None and episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    demos = demonstrations.load(folder)[:episodes]
+    if episodes is not None and len(demos) < episodes:
+        raise ValueError(f"episodes must be at most {len(demos)}, which {folder} holds, got {episodes}")
+    return demos

@@ -1,0 +1,100 @@
+"""``gem-lite clip``: make an embedded CLIP, extend it, write its card, and calibrate any CLIP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from typing_extensions import override
+from tyro.conf import Positional
+
+from gem_lite import clip
+from gem_lite.cli.command import Command
+from gem_lite.clip import calibration
+from gem_lite.clip_training import clip_card, extend_clip, pretrain_clip
+from gem_lite.learning import calibrating
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pretrain(Command):
+    """Train the embedded CLIP on captions and crops that this project renders itself; goes on if it was stopped."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 2800 --epochs 4 --out runs/clip",)
+
+    scenes: int = 2800
+    """training scenes to render"""
+    epochs: int = 4
+    """passes over the crops"""
+    seed: int = 0
+    """seed of scenes, captions and weights"""
+    out: Path = clip.EMBEDDED
+    """folder to write"""
+    state: Path = Path("runs/pretrain_clip")
+    """folder for the crops and for the state to resume from"""
+
+    @override
+    def run(self) -> None:
+        print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
+
+    @override
+    def after_stop(self) -> str:
+        return f"stopped; the same command goes on from the last epoch in {self.state}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extend(Command):
+    """Teach the embedded CLIP the symbol boxes of object-sorting: a second one, trained further from it."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip extend --scenes 700 --epochs 2 --out runs/clip-sorting",)
+
+    scenes: int = 700
+    """training scenes to render"""
+    epochs: int = 2
+    """passes over the crops"""
+    seed: int = 1
+    """seed of scenes and captions"""
+    out: Path = extend_clip.OUT
+    """folder to write"""
+    state: Path = Path("runs/extend_clip")
+    """folder for the crops and for the state to resume from"""
+
+    @override
+    def run(self) -> None:
+        print(extend_clip.extend(self.out, self.state, self.scenes, self.epochs, self.seed))
+
+    @override
+    def after_stop(self) -> str:
+        return f"stopped; the same command goes on from the last epoch in {self.state}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card(Command):
+    """Measure an embedded CLIP on fresh scenes and write its card, README.md of its folder (some minutes)."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip card data/clip-tabletop --training-crops 638346",)
+
+    folder: Positional[Path]
+    """the CLIP, as `gem-lite clip pretrain` writes it"""
+    training_crops: int
+    """on how many crops it was trained; the card says so"""
+
+    @override
+    def run(self) -> None:
+        print(clip_card.write(self.folder, clip.load(self.folder), self.training_crops))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate(Command):
+    """Measure the scale of a CLIP's scores and its retrieval threshold on rendered scenes, and keep them."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip calibrate openai/clip-vit-base-patch32",)
+
+    clip: Positional[str]
+    """Hugging Face name or folder of a CLIP"""
+
+    @override
+    def run(self) -> None:
+        model = clip.load(self.clip)
+        measured = calibrating.calibrate(model, calibrating.rendered_scenes())
+        print(f"{measured}\nwrote {calibration.write(model, measured)}")

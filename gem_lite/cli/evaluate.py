@@ -1,0 +1,64 @@
+"""``gem-lite evaluate``: measure a policy over episodes of a task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from typing_extensions import override
+from tyro.conf import Positional
+
+from gem_lite import tasks
+from gem_lite.cli import names
+from gem_lite.cli.command import Filed
+from gem_lite.evaluation import evaluate, results
+from gem_lite.tasks import Split
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(Filed):
+    """Measure a policy over episodes of a task; prints the mean with its 95 % interval and writes the row."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gem-lite evaluate gem put-block-in-bowl-unseen-colors --checkpoint data/gem-put-block-in-bowl.safetensors",
+        "gem-lite evaluate expert bars-in-box --episodes 2 --world shadows",
+    )
+
+    method: Positional[str]
+    """name of the method, see below"""
+    task: Positional[str]
+    """name of the task, see below"""
+    checkpoint: Path | None = None
+    """of a learned method: the checkpoint to load"""
+    episodes: int = 100
+    """how many"""
+    start: int = 0
+    """index of the first episode in the split"""
+    split: Split = "test"
+    """which episodes"""
+    world: str = "home"
+    """how it looks, see below"""
+    clip: str | None = None
+    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
+    processes: int | None = None
+    """how many episodes run at once (without it: one a core)"""
+
+    @override
+    def run(self) -> None:
+        path = results.output(self.file, self.out, tasks.family(self.task))
+        rows = evaluate.measure_and_file(
+            self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
+            self.processes, self.world,
+        )  # fmt: skip
+        for row in rows:
+            print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
+        print(f"the rows are in {path}")
+
+    @override
+    @classmethod
+    def more_help(cls) -> str:
+        scripted = (
+            f"  {', '.join(evaluate.SCRIPTED)}: need no checkpoint; expert-rounded is what rounding alone costs\n"
+        )
+        return "\n".join([names.method_names() + scripted, names.task_names(), names.world_names()])

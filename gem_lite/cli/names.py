@@ -1,0 +1,22 @@
+"""Names that helps list: they are the library's, with those that outside modules added."""
+
+from __future__ import annotations
+
+from gem_lite import tasks
+from gem_lite.policies import methods
+from gem_lite.simulation import worlds
+
+
+def task_names() -> str:
+    """Every task, one a line."""
+    return "\n".join(["tasks:", *(f"  {name}" for name in tasks.names()), ""])
+
+
+def world_names() -> str:
+    """Every world."""
+    return f"worlds:\n  {', '.join(worlds.names())}\n"
+
+
+def method_names() -> str:
+    """Every learned method, with what its name means."""
+    return methods.help_text() + "\n"

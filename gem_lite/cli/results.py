@@ -1,0 +1,124 @@
+"""``gem-lite results``: what is filed in data/results, and the experiments that file it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from typing_extensions import override
+from tyro.conf import Positional
+
+from gem_lite.cli.command import Command
+from gem_lite.evaluation import experiments, pointing, results
+from gem_lite.evaluation.experiments import Experiment
+
+
+@dataclass(frozen=True, kw_only=True)
+class List(Command):
+    """Name the files of results, and the tasks and methods that their rows are of."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results list",)
+
+    folder: Path = results.RESULTS
+    """where the files are; runs that nobody filed are in runs/results"""
+
+    @override
+    def run(self) -> None:
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"{self.folder} is no folder of results")
+        for path in sorted(self.folder.glob("*.jsonl")):
+            rows = results.read_rows(path)
+            names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
+            print(f"{path.stem}: {len(rows)} rows, of {', '.join(names)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Show(Command):
+    """Print the rows of a file of results, one a line."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results show put-block-in-bowl --method gem --world home",)
+
+    name: Positional[str]
+    """of the file, as `gem-lite results list` has it; or a path to another one"""
+    method: str | None = None
+    """only rows of this method (or of this map)"""
+    task: str | None = None
+    """only rows of this task"""
+    world: str | None = None
+    """only rows that were measured in this world"""
+
+    @override
+    def run(self) -> None:
+        filed = results.RESULTS / f"{self.name}.jsonl"
+        path = filed if filed.exists() else Path(self.name)
+        if not path.is_file():
+            names = ", ".join(sorted(path.stem for path in results.RESULTS.glob("*.jsonl")))
+            raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {names}")
+        shown = [row for row in results.read_rows(path) if self.wants(row)]
+        if not shown:
+            raise ValueError(f"{path} has no such row")
+        for row in shown:
+            print(described(row))
+
+    def wants(self, row: dict) -> bool:
+        """Whether a row is one of those asked for."""
+        wanted = ((self.method, row.get("method", row.get("map"))), (self.task, row.get("task")))
+        return all(value in (None, there) for value, there in (*wanted, (self.world, row.get("world"))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Command):
+    """Name every experiment behind the lessons: what is filed, and what is to do."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results plan --only cliport",)
+
+    only: str = ""
+    """only experiments whose name holds this"""
+
+    @override
+    def run(self) -> None:
+        for experiment in planned(self.only):
+            print(f"{'filed' if experiment.done() else 'to do':6s} {experiment.name}, {experiment.episodes} episodes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Command):
+    """Train and measure the whole comparison and file it in data/results; what is filed is left out. Takes hours."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results run --only cliport --jobs 2",)
+    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, RuntimeError)
+
+    only: str = ""
+    """only experiments whose name holds this"""
+    jobs: int | None = None
+    """how many at once (without it: one a core)"""
+
+    @override
+    def run(self) -> None:
+        experiments.run_all(planned(self.only), self.jobs or os.cpu_count() or 1)
+
+    @override
+    def after_stop(self) -> str:
+        return "stopped; the same command goes on with what is not filed yet"
+
+
+def planned(only: str) -> list[Experiment]:
+    """The experiments whose name holds ``only``. Raises ValueError if there is none."""
+    plan = [experiment for experiment in experiments.PLAN if only in experiment.name]
+    if not plan:
+        raise ValueError(f"no experiment's name holds {only!r}: see gem-lite results plan")
+    return plan
+
+
+def described(row: dict) -> str:
+    """A row in one line: what it is of, and what it scored (0-100, with its 95 % interval)."""
+    if row.get("kind") == "pointing":
+        return pointing.described(row)
+    parts = {"demos": "demos", "steps": "steps", "seed": "seed", "poses": "poses by", "shift": "shift", "turn": "turn"}
+    details = [f"{label} {row[name]}" for name, label in parts.items() if row.get(name) is not None]
+    subset = row.get("subset", "all")
+    where = ", ".join([row["task"], *([subset] if subset != "all" else []), f"in {row['world']}", *details])
+    low, high = row["ci95"]
+    return f"{row['method']} on {where}: {row['mean']} [{low}, {high}], {row['episodes']} episodes"

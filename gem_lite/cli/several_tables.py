@@ -1,0 +1,69 @@
+"""``gem-lite several-tables``: measure a policy over several tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from typing_extensions import override
+from tyro.conf import Positional
+
+from gem_lite import clip, tasks
+from gem_lite.cli import names
+from gem_lite.cli.command import Filed
+from gem_lite.evaluation import evaluate_mobile, results
+from gem_lite.tasks import Split
+
+SORTING = str(clip.DATA / "clip-sorting")
+"""The embedded CLIP that knows boxes with symbols."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeveralTables(Filed):
+    """Measure a policy over several tables, found by their tags and by their true poses; writes a row for each."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gem-lite several-tables data/gem-object-sorting.safetensors --curve",
+        "gem-lite several-tables data/gem-object-sorting.safetensors --tasks object-sorting-seen --episodes 2",
+    )
+
+    checkpoint: Positional[Path]
+    """the policy"""
+    tasks: tuple[str, ...] = evaluate_mobile.TASKS
+    """one after the other"""
+    episodes: int = 100
+    """how many of each task"""
+    start: int = 0
+    """index of the first episode in the split"""
+    split: Split = "test"
+    """which episodes"""
+    tables: int = 2
+    """how many"""
+    curve: bool = False
+    """also with injected errors of the poses"""
+    world: str = "home"
+    """how it looks, see below"""
+    clip: str = SORTING
+    """Hugging Face name or folder of a CLIP"""
+    processes: int | None = None
+    """how many episodes run at once (without it: one a core)"""
+
+    @override
+    def run(self) -> None:
+        for task in self.tasks:
+            path = results.output(self.file, self.out, tasks.family(task))
+            rows, errors = evaluate_mobile.measure_and_file(
+                self.checkpoint, task, path, self.curve, self.episodes, self.split, self.start, self.clip, self.tables,
+                self.processes, self.world,
+            )  # fmt: skip
+            for row in rows:
+                print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
+            for error in errors:
+                print(error)
+            print(f"the rows are in {path}")
+
+    @override
+    @classmethod
+    def more_help(cls) -> str:
+        return names.world_names()
