@@ -189,7 +189,7 @@ def test_bad_requests_are_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["evaluate_mobile", shipped, "--world", "mars"])
     with pytest.raises(SystemExit) as stopped:
         evaluate_mobile.main()
-    assert stopped.value.code == 2 and "world must be one of home" in capsys.readouterr().err
+    assert stopped.value.code == 2 and "no world is named 'mars'" in capsys.readouterr().err
 
 
 def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
