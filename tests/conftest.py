@@ -17,15 +17,16 @@ from gem_lite.tasks import Task  # noqa: E402
 
 
 class StagedTask(Task):
-    """A task whose scene and score a test gives: ``builders`` take a client and return a Body."""
+    """A task without goals, whose scene and score a test gives: ``builders`` take a client and return a Body."""
 
     def __init__(self, builders, score, max_steps):
         super().__init__()
         self.builders, self.given_score, self.max_steps = builders, score, max_steps
         self.bodies = []
 
-    def reset(self, world, rng):
-        self.bodies = [world.add(build(world.client)) for build in self.builders]
+    def lay_out(self, environment, rng, seed):
+        self.bodies = [environment.add(build(environment.client)) for build in self.builders]
+        return []
 
     def score(self, world):
         return self.given_score([world.pose(body) for body in self.bodies])
@@ -47,7 +48,7 @@ def stage(world):
 
     def lay_out(*builders, score=lambda poses: 0.0, max_steps=10):
         task = StagedTask(builders, score, max_steps)
-        observation = world.reset(task, seed=0)
+        (observation,) = world.reset(task, seed=0)
         return task.bodies, observation
 
     return lay_out

@@ -238,7 +238,7 @@ def test_vit_b_32_prepares_pictures_as_openai_does(vit_b_32):
 
 
 def test_vit_b_32_makes_a_semantic_map(vit_b_32, world):
-    views = world.reset(tasks.make("put-block-in-bowl-seen-colors"), 0).views
+    views = world.reset(tasks.make("put-block-in-bowl-seen-colors"), 0)[0].views
     grid = semantic_map.PatchGrid((480, 640), 160, 160)
     embeddings = semantic_map.embed_patches(views[0].rgb, grid, vit_b_32)
     assert embeddings.values.shape == (3, 4, 512)

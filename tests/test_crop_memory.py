@@ -9,10 +9,11 @@ import safetensors.numpy
 import torch
 
 from gem_lite import clip, tasks
+from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import GripperState
 from gem_lite.maps.crop_memory import CropEntry, CropMemory, collect_crops, cut, events
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
-from gem_lite.se2 import Action, Pose2, Workspace, wrap
+from gem_lite.se2 import Pose2, Workspace, wrap
 
 SIDE = 0.125
 WORKSPACE = Workspace()
@@ -87,7 +88,7 @@ def test_every_action_has_a_trace_of_its_own(demo_set, world):
     world.reset(tasks.make(demonstration.task, demonstration.split), demonstration.seed)
     grasping = world.step(action)
     free = Pose2(0.3, 0.45)  # outside the objects' workspace: bare table
-    missing = world.step(Action(free, action.place))
+    missing = world.step(PickPlace(free, action.place))
     assert (grasping.grasped, missing.grasped) == (True, False)
     assert [kind for kind, _ in events(grasping.trace)] == ["pick", "place"]
     assert events(missing.trace) == []
@@ -132,7 +133,7 @@ def test_crops_show_what_was_picked_and_where_it_was_placed(demo_set, heightmaps
 def test_crops_follow_the_gripper_and_not_the_experts_action(demo_set, heightmaps):
     demonstration = demo_set[1][0]
     step = demonstration.steps[0]
-    elsewhere = dataclasses.replace(step.expert, action=Action(Pose2(0.3, 0.4), Pose2(0.7, -0.4)))
+    elsewhere = dataclasses.replace(step.expert, action=PickPlace(Pose2(0.3, 0.4), Pose2(0.7, -0.4)))
     lied = dataclasses.replace(demonstration, steps=(dataclasses.replace(step, expert=elsewhere),))
     honest = dataclasses.replace(demonstration, steps=(step,))
     there, here = (collect_crops([demo], heightmaps[:1], SIDE) for demo in (lied, honest))

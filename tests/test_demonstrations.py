@@ -18,6 +18,9 @@ from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_mani
 from gem_lite.files import write_whole
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
+from gem_lite.registry import Registry
+from gem_lite.simulation import worlds
+from gem_lite.simulation.worlds import WorldStyle
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -73,7 +76,7 @@ def test_loading_and_saving_again_changes_nothing(demo_set, tmp_path):
 def test_an_episode_holds_what_the_expert_saw_and_did(demo_set, world):
     demonstration = demo_set[1][0]
     task = tasks.make(TASK, "train")
-    observation = world.reset(task, demonstration.seed)
+    (observation,) = world.reset(task, demonstration.seed)
     first = demonstration.steps[0]
     assert first.instruction == task.instruction
     assert first.phrases == language.parse(task.instruction)
@@ -401,13 +404,15 @@ def test_a_saved_set_is_not_taken_for_the_beginning_of_a_collection(demo_set, tm
 
 
 def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
-    monkeypatch.setitem(collecting.WORLDS, "elsewhere", collecting.WORLDS["home"])
+    elsewhere = WorldStyle("elsewhere")
+    monkeypatch.setattr(worlds, "WORLDS", Registry("world"))
+    worlds.register(elsewhere)
     collect(TASK, 1, tmp_path, world="elsewhere")
     assert read_manifest(tmp_path)["world"] == load(tmp_path)[0].world == "elsewhere"
     assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"
     with pytest.raises(ValueError, match="holds another set"):
         collect(TASK, 2, tmp_path)
-    with pytest.raises(ValueError, match=r"world must be one of home, .*elsewhere, got 'mars'"):
+    with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: elsewhere"):
         collect(TASK, 1, tmp_path / "new", world="mars")
 
 

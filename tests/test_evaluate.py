@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from gem_lite import clip, colors, tasks
+from gem_lite.actions import PickPlace
 from gem_lite.cli import main
 from gem_lite.config import LITE
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.evaluate import Episode
 from gem_lite.policies.checkpoints import read_card
-from gem_lite.se2 import Action, Pose2
-from gem_lite.simulation import shapes
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import shapes, worlds
 from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
@@ -68,9 +69,9 @@ def test_a_world_is_chosen_by_its_name(monkeypatch):
             super().__init__(**arguments)
 
     monkeypatch.setattr(evaluate, "World", Watched)
-    evaluate._run_chunk(("expert", LITE, None, None, "shadows", TASK, "val", [0]))
+    evaluate.run_job(evaluate.Job("expert", LITE, None, None, worlds.style("shadows"), TASK, "val", range(1)))
     assert looks == ["shadows"]
-    with pytest.raises(ValueError, match=r"world must be one of home, .* got 'mars'"):
+    with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
         evaluate.evaluate("expert", TASK, 1, world="mars")
 
 
@@ -81,7 +82,7 @@ def command(monkeypatch, tmp_path):
     monkeypatch.setattr(results, "RUNS", tmp_path / "runs")
 
     def play(method, task, episodes, split, start, **_):
-        return [Episode(start + i, 1.0, 1, ("red", "blue")) for i in range(episodes)]
+        return [Episode(start + i, 1.0, 1, ()) for i in range(episodes)]
 
     def run(*words, measured=True):
         monkeypatch.setattr(evaluate, "evaluate", play if measured else evaluate.evaluate)
@@ -137,7 +138,7 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
 
 def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
     for words, said in (
-        (("expert", TASK, "--world", "mars"), "world must be one of home, "),
+        (("expert", TASK, "--world", "mars"), "no world is named 'mars'"),
         (("gem", TASK), "gem needs --checkpoint"),
         (("gem", TASK, "--checkpoint", str(tmp_path / "none.safetensors")), "none.safetensors is missing"),
         (("gemini", TASK), "method must be one of gem, "),
@@ -149,7 +150,7 @@ def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
 
 
 def test_every_task_family_has_a_results_file_of_its_own():
-    files = {name: results.results_file(name).name for name in tasks.NAMES}
+    files = {name: results.results_file(name).name for name in tasks.names()}
     assert (
         files["put-block-in-bowl-unseen-colors"] == files["put-block-in-bowl-seen-colors"] == "put-block-in-bowl.jsonl"
     )
@@ -163,12 +164,11 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
     told = []
 
     class OneBlock(tasks.Task):
-        def __init__(self):
-            super().__init__()
-            self.max_steps = 4
+        max_steps = 4
 
-        def reset(self, world, rng):
-            self.block = world.add(shapes.add_block(world.client, colors.rgba("red"), Pose2(0.4, 0.0)))
+        def lay_out(self, environment, rng, seed):
+            self.block = environment.add(shapes.add_block(environment.client, colors.rgba("red"), Pose2(0.4, 0.0)))
+            return []
 
         def score(self, world):
             return 0.0
@@ -183,10 +183,10 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
 
     def actor(world, observation, empty_picks):
         told.append(list(empty_picks))
-        return Action(picks[len(told) - 1], Pose2(0.6, 0.0))
+        return PickPlace(picks[len(told) - 1], Pose2(0.6, 0.0))
 
     monkeypatch.setattr(evaluate.tasks, "make", lambda name, split: OneBlock())
-    monkeypatch.setattr(World, "observe", lambda self: None)
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
     episode = evaluate.run_episode(world, actor, "staged", "val", 0)
     assert told == [[], picks[:1], picks[:2], []]
     assert (episode.placed_decisions, episode.retaken) == (1, 1)

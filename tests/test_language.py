@@ -224,7 +224,7 @@ def test_sentences_that_no_pick_and_place_can_follow(instruction, message):
         parse(instruction)
 
 
-@pytest.mark.parametrize("name", tasks.NAMES)
+@pytest.mark.parametrize("name", tasks.names())
 def test_every_task_says_what_is_parsed(name, world):
     task = tasks.make(name, "test")
     world.reset(task, tasks.episode_seed("test", 0))

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from gem_lite import clip, tasks
+from gem_lite.actions import PickPlace
 from gem_lite.config import LITE
 from gem_lite.correlation import correlate
 from gem_lite.policies import several_tables
@@ -17,10 +18,10 @@ from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation import driving, shapes, tag_plates
+from gem_lite.simulation import driving, shapes, tag_plates, worlds
+from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import WORLDS
 from gem_lite.steerable import SteerableKernel
 from gem_lite.tasks import Task
 
@@ -38,17 +39,13 @@ class Blocks(Task):
     grasp = spot @ Pose2(-0.03, -0.03)
     """Where the L has its corner: in its middle, it has nothing."""
 
-    def reset(self, world, rng):
+    def lay_out(self, environment, rng, seed):
         self.blocks = [
-            world.add(shapes.add_l_block(world.client, (0.8, 0.1, 0.1, 1), table @ self.spot)) for table in world.tables
+            environment.add(shapes.add_l_block(environment.client, (0.8, 0.1, 0.1, 1), table @ self.spot))
+            for table in environment.tables
         ]
-        self.instruction, self.max_steps = "put the red block on the table", 1
-
-    def score(self, world):
-        return 0.0
-
-    def expert(self, world):
-        return None
+        nowhere = PoseMetric(distance=0.0)
+        return [Goal("put the red block on the table", tuple(self.blocks), environment.tables, nowhere)]
 
 
 @pytest.fixture(scope="module")
@@ -66,11 +63,6 @@ def policy():
 def observations():
     with MobileWorld(side_by_side(3)) as world:
         return world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
-
-
-def choice(pick_table, pick, place_table, place):
-    none = np.zeros(0)
-    return several_tables.MobileChoice("", None, (), None, none, none, pick_table, pick, place_table, place)
 
 
 def inside(world, block, table):
@@ -197,7 +189,7 @@ def test_every_table_is_seen_in_its_own_frame(world):
     same = (first.height > 0.02) == (second.height > 0.02)
     assert same.mean() > 0.998 and (first.height > 0.02).sum() > 100
     with World() as alone:
-        reference = fuse_views(alone.reset(Blocks(), 0).views, MOBILE.workspace)
+        reference = fuse_views(alone.reset(Blocks(), 0)[0].views, MOBILE.workspace)
     assert ((first.height > 0.02) == (reference.height > 0.02)).mean() > 0.998
 
 
@@ -207,7 +199,7 @@ def test_picked_here_placed_there_through_the_estimate(world):
     start, delta = inside(world, block, 0), 0.9
     pick = replace(Blocks.grasp, yaw=0.0)
     place = Pose2(0.6, -0.2, pick.yaw + delta)
-    step = driving.act(world, choice(0, pick, 1, place))
+    step = world.step(PickPlace(pick, place, 0, 1))
     moved = inside(world, block, 1)
     turned = Pose2(place.x, place.y, delta) @ Pose2(start.x - pick.x, start.y - pick.y, start.yaw)
     assert step.grasped and len(step.trace) > 20
@@ -215,7 +207,7 @@ def test_picked_here_placed_there_through_the_estimate(world):
     assert angle_off(moved.yaw - turned.yaw, 2 * math.pi) < math.radians(3)
 
 
-def test_an_error_of_the_estimate_moves_the_act(world):
+def test_an_error_of_the_estimate_moves_the_act(world, monkeypatch):
     def moved(place_table, wrong_tables):
         """How far in y (m) an act means to take the block, and does."""
         world.reset(Blocks(), 2)
@@ -226,7 +218,8 @@ def test_an_error_of_the_estimate_moves_the_act(world):
             return (shifted if table in wrong_tables else driving.by_truth)(world, table)
 
         place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
-        driving.act(world, choice(0, Blocks.grasp, place_table, place), find)
+        monkeypatch.setattr(world, "find", find)
+        world.step(PickPlace(Blocks.grasp, place, 0, place_table))
         return inside(world, block, place_table).y - (start.y + place.y - Blocks.grasp.y)
 
     assert moved(1, ()) == pytest.approx(0, abs=0.004)
@@ -238,9 +231,11 @@ def test_an_error_of_the_estimate_moves_the_act(world):
 
 def test_outside_a_table_is_refused_before_anything_moves(world):
     world.reset(Blocks(), 0)
-    with pytest.raises(ValueError, match=r"choice\.place"):
-        driving.act(world, choice(0, Pose2(0.5, 0.0), 1, Pose2(0.5, 0.6)))
-    assert not world.gripper.trace
+    with pytest.raises(ValueError, match=r"action\.place = .* lies outside"):
+        world.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.6), 0, 1))
+    with pytest.raises(ValueError, match=r"action\.place_table must be in \[0, 2\), got 2"):
+        world.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.1), 0, 2))
+    assert not world.effector.trace
 
 
 # Localisation
@@ -287,8 +282,8 @@ def test_a_wrong_tag_is_named_and_nothing_is_done(world):
     try:
         before = world.pose(block)
         with pytest.raises(tags.LocalisationError, match="tag 7 is not in the picture, only tag 0"):
-            driving.act(world, choice(0, Pose2(0.42, 0.21), 1, Pose2(0.5, 0.0)))
-        assert world.gripper.held is None
+            world.step(PickPlace(Pose2(0.42, 0.21), Pose2(0.5, 0.0), 0, 1))
+        assert world.effector.held is None
         after = world.pose(block)
         assert math.hypot(after[0].x - before[0].x, after[0].y - before[0].y) < 1e-4
     finally:
@@ -341,7 +336,7 @@ def test_tags_have_numbers(world):
 
 @pytest.fixture(scope="module")
 def two_tables():
-    with MobileWorld(side_by_side(2)) as world:
+    with MobileWorld(side_by_side(2), find=driving.by_truth) as world:
         yield world
 
 
@@ -360,8 +355,7 @@ def test_a_task_of_one_table_lies_on_the_first_and_goes_on_to_its_end(two_tables
     sentences, rewards = [], []
     while len(rewards) < task.max_steps:
         sentences.append(task.instruction)
-        action = task.expert(two_tables).action
-        step = driving.act(two_tables, choice(0, action.pick, 0, action.place), driving.by_truth)
+        step = two_tables.step(task.expert(two_tables).action)
         rewards.append(step.reward)
         if step.done:
             break
@@ -375,9 +369,8 @@ def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy)
     seen = two_tables.reset(task, tasks.episode_seed("val", 0))
     first = several_tables.choose(on_this_table, seen, task.instruction)
     assert np.ptp(first.pick_logits[0]) > 3 * np.ptp(first.pick_logits[1])  # the second table is bare
-    action = task.expert(two_tables).action
-    driving.act(two_tables, choice(0, action.pick, 0, action.place), driving.by_truth)
-    second = several_tables.choose(on_this_table, two_tables.observe(), task.instruction)
+    step = two_tables.step(task.expert(two_tables).action)
+    second = several_tables.choose(on_this_table, step.observations, task.instruction)
     assert first.phrases.pick != second.phrases.pick
 
 
@@ -390,14 +383,9 @@ def test_the_expert_sorts_over_two_tables(world, name):
     for index in range(4):
         task = tasks.make(name, "val")
         world.reset(task, tasks.episode_seed("val", index))
-        action, poses = task.expert(world).action, []
-        for pose in (action.pick, action.place):
-            for number, table in enumerate(world.tables):
-                there = table.inverse() @ pose
-                if world.workspace.contains(there.x, there.y):
-                    poses += [number, there]
-        tables |= {poses[0], poses[2]}
-        assert driving.act(world, choice(*poses)).reward == 1
+        action = task.expert(world).action
+        tables |= {action.pick_table, action.place_table}
+        assert world.step(action).reward == 1
     assert tables == {0, 1}
 
 
@@ -420,7 +408,7 @@ def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
 def test_a_world_of_several_tables_has_a_style():
     pictures = []
     for name in ("home", "bright-light"):
-        with MobileWorld(TABLES, STILL, style=WORLDS[name]) as styled:
+        with MobileWorld(TABLES, STILL, style=worlds.style(name)) as styled:
             styled.clear()
             pictures.append(styled.observe()[0].views[0].rgb.astype(int))
     assert (pictures[1] - pictures[0]).mean() > 5

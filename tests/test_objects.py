@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from gem_lite.se2 import Action, Pose2
+from gem_lite.actions import PickPlace
+from gem_lite.se2 import Pose2
 from gem_lite.simulation import objects
 from gem_lite.simulation.rendering import CAMERAS, render
 
@@ -71,7 +72,7 @@ def test_a_part_has_its_own_colour(world, stage):
 def test_an_object_can_be_picked_and_placed(world, stage):
     (body,), _ = stage(lambda client: objects.add_object(client, "bottle", RED, Pose2(0.4, 0.2, 0.5)))
     start = world.pose(body)[0]
-    step = world.step(Action(start, Pose2(0.6, -0.2, start.yaw)))
+    step = world.step(PickPlace(start, Pose2(0.6, -0.2, start.yaw)))
     assert step.grasped
     end, height = world.pose(body)
     assert np.hypot(end.x - 0.6, end.y + 0.2) < 0.02

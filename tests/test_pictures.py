@@ -12,8 +12,9 @@ import shapely
 import torch
 
 from gem_lite import colors, correlation, steerable
+from gem_lite.actions import PickPlace
 from gem_lite.rgbd.heightmap import fuse_views
-from gem_lite.se2 import Action, ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
+from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation import shapes
 
 HIGH = 0.01
@@ -175,7 +176,7 @@ def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     pick = before @ Pose2(CORNER.x, CORNER.y, 0.3)
     place = Pose2(0.55, -0.15, wrap(pick.yaw + delta))
     tool_yaws = []
-    step = world.step(Action(pick, place), watch=lambda moment: tool_yaws.append(world.gripper.yaw))
+    step = world.step(PickPlace(pick, place), watch=lambda moment: tool_yaws.append(world.effector.yaw))
     after, expected = world.pose(body)[0], place @ pick.inverse() @ before
 
     assert step.grasped
@@ -183,7 +184,7 @@ def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     assert math.degrees(abs(wrap(after.yaw - before.yaw - delta))) < 1.5
     assert (after.x, after.y) == pytest.approx((expected.x, expected.y), abs=0.003)
 
-    row, col, angle = find_l(mask_of(step.observation), l_kernel)
+    row, col, angle = find_l(mask_of(step.observations[0]), l_kernel)
     assert (row, col) == pytest.approx(W.to_pixel(after.x, after.y), abs=1.1)
     assert math.degrees(abs(wrap(angle - before.yaw - delta))) <= 6
 

@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 import torch
 
+from gem_lite.actions import PickPlace
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures import plot_pick, plot_place, plot_results
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap
-from gem_lite.se2 import Action, Pose2, Workspace
+from gem_lite.se2 import Pose2, Workspace
 
 W = Workspace()
 POSE = Pose2(*W.to_world(40, 20), 0.3)
@@ -155,7 +156,7 @@ def test_each_world_keeps_its_row_in_every_panel():
 def test_failures_show_scene_maps_and_reason():
     heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
     logits = np.zeros((36, *W.shape), np.float32)
-    choice = Choice("put it there", None, heightmap, logits, logits, (0, 0, 0), (0, 0, 0), Action(POSE, POSE))
+    choice = Choice("put it there", None, heightmap, logits, logits, (0, 0, 0), (0, 0, 0), PickPlace(POSE, POSE))
     fig = plot_results.show_failures([("one", Failure(3, 1, choice, "grasped nothing"))] * 5, columns=4)
     shown = [ax for ax in fig.axes if ax.images]
     assert len(shown) == 15 and "grasped nothing" in fig.subfigs[0].get_supxlabel()
@@ -172,7 +173,7 @@ def test_deltas_stay_beside_the_diagonal_across_180_degrees():
 def test_actions_and_closeups_show_every_panel():
     heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
     logits = np.random.default_rng(0).random((36, *W.shape)).astype(np.float32)
-    shown = plot_place.Shown("one", heightmap, Action(POSE, POSE), logits)
+    shown = plot_place.Shown("one", heightmap, PickPlace(POSE, POSE), logits)
     fig = plot_place.show_actions([shown] * 3)
     assert sum(bool(ax.images) for ax in fig.axes) >= 6 and [ax.get_title() for ax in fig.axes[:3]] == ["one"] * 3
     fig = plot_place.show_closeups([plot_place.CloseUp("two", heightmap, POSE, POSE)] * 2)

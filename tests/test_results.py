@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from gem_lite import clip, tasks
+from gem_lite.actions import PickPlace
 from gem_lite.config import LITE
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluation import evaluate, evaluate_mobile, experiments, failures, pointing, results, statistics
@@ -14,9 +15,9 @@ from gem_lite.evaluation.results import result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies import methods
 from gem_lite.policies.base import Choice
-from gem_lite.se2 import Action, Pose2
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import worlds
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import WORLDS
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -285,14 +286,14 @@ def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):
     assert "holds no demonstrations" in (tmp_path / "logs" / f"{experiment.name}.log").read_text()
 
 
-def judged(done: Action, found: tuple[str, str], grasped: bool = True) -> str:
-    right = ExpertAction(Action(Pose2(0.5, 0.0, 0.0), Pose2(0.6, 0.0, 0.0)), np.pi / 2, 2 * np.pi)
+def judged(done: PickPlace, found: tuple[str, str], grasped: bool = True) -> str:
+    right = ExpertAction(PickPlace(Pose2(0.5, 0.0, 0.0), Pose2(0.6, 0.0, 0.0)), np.pi / 2, 2 * np.pi)
     choice = Choice("", None, None, None, None, (0, 0, 0), (0, 0, 0), done)
     return failures.reason(choice, right, ("red block", "green bowl"), found, grasped)
 
 
 def test_reasons_name_the_first_cause():
-    off = Action(Pose2(0.5, 0.0, np.radians(100)), Pose2(0.6, 0.02, np.radians(130)))
+    off = PickPlace(Pose2(0.5, 0.0, np.radians(100)), Pose2(0.6, 0.02, np.radians(130)))
     assert judged(off, ("blue block", "table"), False) == "picked the blue block, not the red block"
     assert judged(off, ("red block", "table"), False) == "grasped nothing of the red block, 10° off"
     assert judged(off, ("red block", "table")) == "placed on the table, not on the green bowl"
@@ -313,9 +314,9 @@ def test_a_reason_names_what_the_tool_lifted():
 
     class Stubborn:
         def decide(self, observation, instruction):
-            action = Action(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
+            action = PickPlace(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
             return Choice(instruction, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
 
-    with World(style=WORLDS["touching"]) as touching:
+    with World(style=worlds.style("touching")) as touching:
         failure = failures.first_failure(touching, Stubborn(), TASK, 24)
     assert failure.reason == "picked the purple block, not the green block"

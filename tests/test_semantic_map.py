@@ -19,7 +19,7 @@ def model():
 @pytest.fixture(scope="module")
 def scene_and_truth(model, world):
     task = tasks.make("put-block-in-bowl-unseen-colors", "val")
-    observation = world.reset(task, tasks.episode_seed("val", 50))
+    (observation,) = world.reset(task, tasks.episode_seed("val", 50))
     scene = semantic_map.embed_scene(observation.views, model, LITE)
     return scene, task, task.expert(world).action, observation
 

@@ -10,9 +10,11 @@ from shapely import affinity
 from shapely.geometry import Point
 
 from gem_lite import colors, language, tasks
+from gem_lite.actions import PickPlace
 from gem_lite.learning import collecting
-from gem_lite.se2 import Action, Pose2, Workspace
-from gem_lite.simulation import shapes, trays
+from gem_lite.se2 import Pose2, Workspace
+from gem_lite.simulation import effectors, shapes, trays
+from gem_lite.simulation.goals import ZoneMetric
 from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.simulation.world import World
 from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
@@ -27,7 +29,7 @@ FAMILIES = [PYRAMID, PYRAMID_UNSEEN, PACKING, PACKING_UNSEEN, INSERTION, BARS]
 @pytest.fixture
 def blind(world, monkeypatch):
     """The shared world without cameras: these tests read the simulator's truth, and pictures take most of the time."""
-    monkeypatch.setattr(World, "observe", lambda self: None)
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
     return world
 
 
@@ -61,7 +63,8 @@ def test_layouts_keep_bodies_apart_and_in_the_workspace(blind, name):
     for index in range(5):
         task = tasks.make(name, "val")
         blind.clear()
-        task.reset(blind, np.random.default_rng(tasks.episode_seed("val", index)))
+        seed = tasks.episode_seed("val", index)
+        task.reset(blind, np.random.default_rng(seed), seed)
         above = bodies_from_above(blind.client, around)
         ids = [body.id for body in blind.bodies]
         assert set(ids) <= set(above[~outside].tolist()) and not set(ids) & set(above[outside].tolist())
@@ -103,7 +106,7 @@ def test_doing_nothing_earns_nothing(blind, name):
     task = lay_out(blind, name)
     instruction = task.instruction
     pick = task.expert(blind).action.pick
-    step = blind.step(Action(pick, pick))
+    step = blind.step(PickPlace(pick, pick))
     assert step.grasped and step.reward == 0.0
     assert task.instruction == instruction
     assert step.done == (task.max_steps == 1)
@@ -190,7 +193,7 @@ def test_a_pyramid_counts_a_done_sentence_for_good_and_repeats_an_open_one(blind
     assert task.score(blind) == pytest.approx(1 / 6)
     expert = task.expert(blind).action
     wrong = Pose2(expert.place.x, expert.place.y, expert.place.yaw + math.radians(45))
-    step = blind.step(Action(expert.pick, wrong))
+    step = blind.step(PickPlace(expert.pick, wrong))
     assert (step.reward, step.done, task.instruction) == (0.0, False, second)
     step = blind.step(task.expert(blind).action)  # a second try
     assert step.reward == pytest.approx(1 / 6) and task.instruction != second
@@ -238,17 +241,17 @@ def test_another_piece_in_the_box_earns_nothing(blind):
     asked, box = task.expert(blind).action.pick, task.expert(blind).action.place
     others = [blind.pose(body)[0] for body in blind.bodies if body.movable]
     other = max(others, key=lambda pose: math.hypot(pose.x - asked.x, pose.y - asked.y))
-    step = blind.step(Action(other, box))
+    step = blind.step(PickPlace(other, box))
     assert step.grasped and step.reward == 0.0
 
 
-def test_in_a_container_is_between_its_walls_and_below_the_rim(blind, stage):
+def test_in_a_zone_is_between_its_walls_and_below_the_rim(blind, stage):
     size, centre = (0.12, 0.1), Pose2(0.5, 0.0, 0.7)
     (box, block), _ = stage(
         partial(trays.add_container, size=size, color=colors.rgba("brown"), pose=centre),
         partial(shapes.add_block, color=colors.rgba("red"), pose=Pose2(0.4, 0.3)),
     )
-    inside = partial(trays.in_container, blind, box, size, block)
+    inside = partial(ZoneMetric(size, trays.CONTAINER_HEIGHT).reached, blind, block, box)
     assert not inside()
     for offset, z, expected in [
         (Pose2(0, 0), 0.022, True),
@@ -313,7 +316,7 @@ def insert(world, index, shift=Pose2(0, 0)):
     """The reward of the expert's action with its place moved by ``shift`` in the fixture's frame."""
     task = lay_out(world, INSERTION, index)
     expert = task.expert(world).action
-    return world.step(Action(expert.pick, expert.place @ shift)).reward
+    return world.step(PickPlace(expert.pick, expert.place @ shift)).reward
 
 
 @pytest.mark.parametrize("degrees", [-90, -20, 20, 30, 90, 180])
@@ -368,7 +371,7 @@ def test_a_bar_is_named_among_others(blind):
 def test_a_jaw_holds_a_bar_only_across_and_near_its_middle(blind, degrees, along, holds):
     task = lay_out(blind, BARS)
     expert = task.expert(blind).action
-    step = blind.step(Action(expert.pick @ Pose2(along, 0, math.radians(degrees)), expert.place))
+    step = blind.step(PickPlace(expert.pick @ Pose2(along, 0, math.radians(degrees)), expert.place))
     assert step.grasped == holds
     assert step.reward == float(holds)
 
@@ -377,16 +380,16 @@ def test_any_turn_of_the_bar_fits_the_box(blind):
     for index, degrees in enumerate([45, 90, 135]):
         task = lay_out(blind, BARS, index)
         expert = task.expert(blind).action
-        assert blind.step(Action(expert.pick, expert.place @ Pose2(0, 0, math.radians(degrees)))).reward == 1.0
+        assert blind.step(PickPlace(expert.pick, expert.place @ Pose2(0, 0, math.radians(degrees)))).reward == 1.0
 
 
 def test_suction_holds_a_bar_at_any_yaw(blind, stage):
     lay_out(blind, BARS)
-    assert blind.gripper.jaw
+    assert isinstance(blind.effector, effectors.Jaw)
     pose = Pose2(0.5, 0.0, 0.3)
     stage(partial(shapes.add_box, size=bars_in_box.BAR_SIZE, color=colors.rgba("red"), pose=pose))
-    assert not blind.gripper.jaw
-    assert blind.step(Action(pose @ Pose2(0, 0, math.pi / 2), Pose2(0.5, 0.2))).grasped
+    assert type(blind.effector) is effectors.Suction
+    assert blind.step(PickPlace(pose @ Pose2(0, 0, math.pi / 2), Pose2(0.5, 0.2))).grasped
 
 
 def test_what_is_placed_is_known(blind):

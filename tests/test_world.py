@@ -9,13 +9,14 @@ import pybullet as p
 import pytest
 
 from gem_lite import colors, tasks
-from gem_lite.se2 import Action, Pose2, Workspace
+from gem_lite.actions import PickPlace
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import shapes
 from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace
 
 HERE, THERE = Pose2(0.4, 0.2, 0.5), Pose2(0.6, -0.2, 0.5)
-MOVE = Action(HERE, THERE)
+MOVE = PickPlace(HERE, THERE)
 SEEN_TASK, UNSEEN_TASK = "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors"
 
 
@@ -52,7 +53,7 @@ def test_a_block_is_carried_by_the_tool(world, stage):
     seen = {}
 
     def watch(moment):
-        seen[moment] = (*world.pose(body), world.gripper.held)
+        seen[moment] = (*world.pose(body), world.effector.held)
 
     step = world.step(MOVE, watch)
     pose, z, held = seen["picked"]
@@ -89,7 +90,7 @@ def test_what_is_held_collides(world, stage):
 
 def test_the_block_keeps_its_yaw_to_the_tool(world, stage):
     (body,), _ = stage(block())
-    world.step(Action(Pose2(HERE.x, HERE.y, -1.0), Pose2(THERE.x, THERE.y, -0.3)))
+    world.step(PickPlace(Pose2(HERE.x, HERE.y, -1.0), Pose2(THERE.x, THERE.y, -0.3)))
     assert world.pose(body)[0].yaw == pytest.approx(HERE.yaw + 0.7, abs=0.02)
 
 
@@ -99,18 +100,18 @@ def test_the_tool_turns_the_short_way(world, stage, monkeypatch):
 
     def recorded(**kwargs):
         simulate(**kwargs)
-        yaws.append(world.gripper.yaw)
+        yaws.append(world.effector.yaw)
 
-    world.gripper.pick(Pose2(HERE.x, HERE.y, 3.0), set())
+    world.effector.pick(Pose2(HERE.x, HERE.y, 3.0), set())
     monkeypatch.setattr(p, "stepSimulation", recorded)
-    world.gripper.pick(Pose2(HERE.x, HERE.y, -3.0), set())
+    world.effector.pick(Pose2(HERE.x, HERE.y, -3.0), set())
     assert min(abs(yaw) for yaw in yaws) > 2.9
 
 
 def test_picking_the_empty_table_grasps_nothing_and_ends_the_action(world, stage):
     (body,), _ = stage(block())
     before, moments = world.pose(body)[0], []
-    step = world.step(Action(THERE, HERE), watch=lambda moment: moments.append((moment, world.gripper.held)))
+    step = world.step(PickPlace(THERE, HERE), watch=lambda moment: moments.append((moment, world.effector.held)))
     assert not step.grasped
     assert step.reward == 0.0
     assert moments == [("picked", None), ("placed", None)]
@@ -118,7 +119,7 @@ def test_picking_the_empty_table_grasps_nothing_and_ends_the_action(world, stage
     assert world.steps_taken == 1
 
 
-RIM = Action(Pose2(HERE.x + 0.053, HERE.y), Pose2(THERE.x + 0.053, THERE.y))
+RIM = PickPlace(Pose2(HERE.x + 0.053, HERE.y), Pose2(THERE.x + 0.053, THERE.y))
 """Grasps a bowl at HERE by its rim and takes it to THERE."""
 
 
@@ -150,10 +151,10 @@ def test_a_bowl_has_a_floor(world, stage):
 
 def test_the_parked_tool_is_out_of_every_picture(world, stage):
     _, before = stage()
-    world.gripper.pick(HERE, set())
-    in_sight = world.observe()
-    world.gripper.park()
-    after = world.observe()
+    world.effector.pick(HERE, set())
+    (in_sight,) = world.observe()
+    world.effector.park()
+    (after,) = world.observe()
     for empty, busy, parked in zip(before.views, in_sight.views, after.views, strict=True):
         assert not np.array_equal(busy.rgb, empty.rgb)
         np.testing.assert_array_equal(parked.rgb, empty.rgb)
@@ -198,7 +199,7 @@ def test_action_outside_the_workspace_raises_and_moves_nothing(world, stage, nam
     (body,), _ = stage(block())
     poses = {"pick": HERE, "place": THERE, name: pose}
     with pytest.raises(ValueError, match=rf"action\.{name}.*outside the workspace"):
-        world.step(Action(**poses))
+        world.step(PickPlace(**poses))
     assert world.steps_taken == 0
     assert distance(world.pose(body)[0], HERE) < 0.001
 
@@ -206,7 +207,7 @@ def test_action_outside_the_workspace_raises_and_moves_nothing(world, stage, nam
 def test_a_yaw_that_is_no_number_raises(world, stage):
     stage(block())
     with pytest.raises(ValueError, match=r"action\.pick"):
-        world.step(Action(Pose2(HERE.x, HERE.y, math.nan), THERE))
+        world.step(PickPlace(Pose2(HERE.x, HERE.y, math.nan), THERE))
 
 
 def test_reward_is_the_change_of_the_score(world, stage):
@@ -217,10 +218,10 @@ def test_reward_is_the_change_of_the_score(world, stage):
     stage(block(), block(other, "blue"), score=right_half)
     first = world.step(MOVE)
     assert (first.reward, first.done) == (0.5, False)
-    back = world.step(Action(THERE, HERE))
+    back = world.step(PickPlace(THERE, HERE))
     assert (back.reward, back.done) == (-0.5, False)
     world.step(MOVE)
-    last = world.step(Action(other, Pose2(0.4, -0.1, 0.0)))
+    last = world.step(PickPlace(other, Pose2(0.4, -0.1, 0.0)))
     assert (last.reward, last.done) == (0.5, True)
     assert world.steps_taken == 4
 
@@ -228,7 +229,7 @@ def test_reward_is_the_change_of_the_score(world, stage):
 def test_the_last_step_is_done_without_success(world, stage):
     stage(block(), max_steps=2)
     assert not world.step(MOVE).done
-    assert world.step(Action(THERE, HERE)).done
+    assert world.step(PickPlace(THERE, HERE)).done
 
 
 def test_reset_clears_what_was_there(world, stage):
@@ -255,14 +256,14 @@ def test_a_tipped_scene_settles(world, stage):
 def test_one_seed_is_one_picture_in_any_world(world, seed):
     # The shared world has a history, the fresh one has none.
     with World() as fresh:
-        pair = [w.reset(tasks.make(UNSEEN_TASK, "test"), seed) for w in (world, fresh)]
+        pair = [w.reset(tasks.make(UNSEEN_TASK, "test"), seed)[0] for w in (world, fresh)]
     for a, b in zip(pair[0].views, pair[1].views, strict=True):
         assert np.array_equal(a.rgb, b.rgb)
         assert np.array_equal(a.depth, b.depth)
 
 
 def test_another_seed_is_another_picture(world):
-    one, two = (world.reset(tasks.make(SEEN_TASK), seed) for seed in (1, 2))
+    one, two = (world.reset(tasks.make(SEEN_TASK), seed)[0] for seed in (1, 2))
     assert not np.array_equal(one.views[0].rgb, two.views[0].rgb)
 
 
@@ -298,7 +299,8 @@ def layout(world, name, split, index):
     """The task after laying out an episode, without simulating or rendering."""
     task = tasks.make(name, split)
     world.clear()
-    task.reset(world, np.random.default_rng(tasks.episode_seed(split, index)))
+    seed = tasks.episode_seed(split, index)
+    task.reset(world, np.random.default_rng(seed), seed)
     return task
 
 

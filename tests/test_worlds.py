@@ -9,8 +9,9 @@ from gem_lite import tasks
 from gem_lite.policies.samples import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
+from gem_lite.simulation import worlds
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WORLDS, WorldStyle
+from gem_lite.simulation.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WorldStyle
 from gem_lite.tasks.spawn import FreeSpace
 
 BOWL_TASK = "put-block-in-bowl-seen-colors"
@@ -19,8 +20,8 @@ BOWL_TASK = "put-block-in-bowl-seen-colors"
 def laid_out(name, index=0, task_name=BOWL_TASK):
     """Names and planar poses of an episode's bodies, and the first camera's picture."""
     task = tasks.make(task_name, "val")
-    with World(style=WORLDS[name]) as world:
-        observation = world.reset(task, tasks.episode_seed("val", index))
+    with World(style=worlds.style(name)) as world:
+        (observation,) = world.reset(task, tasks.episode_seed("val", index))
         poses = np.array([[world.pose(body)[0].x, world.pose(body)[0].y] for body in world.bodies])
         return task.instruction, poses, observation.views[0].rgb.astype(int)
 
@@ -37,8 +38,8 @@ def test_another_look_is_the_same_layout(name):
 def test_networks_see_the_light_of_the_demonstrations():
     medians = {}
     for name in ("home", "varied", "white-floor", "shadows", "bright-light"):
-        with World(style=WORLDS[name]) as world:
-            observation = world.reset(tasks.make(BOWL_TASK, "val"), tasks.episode_seed("val", 0))
+        with World(style=worlds.style(name)) as world:
+            (observation,) = world.reset(tasks.make(BOWL_TASK, "val"), tasks.episode_seed("val", 0))
         heightmap = fuse_views(observation.views, Workspace())
         medians[name] = np.median(heightmap.rgb)
         assert (to_rgbd(heightmap)[:3].median() + TABLE_GRAY) * 255 == pytest.approx(TABLE_LEVEL, abs=0.01)
@@ -55,13 +56,13 @@ def test_without_a_bare_cell_colours_stay():
 
 
 def test_shadows_are_cast():
-    style = WORLDS["shadows"]
+    style = worlds.style("shadows")
     lit = WorldStyle("lit", light=dataclasses.replace(style.light, shadow=False))
     pictures = []
     for one_style in (style, lit):
         with World(style=one_style) as world:
             task = tasks.make(BOWL_TASK, "val")
-            observation = world.reset(task, tasks.episode_seed("val", 3))
+            (observation,) = world.reset(task, tasks.episode_seed("val", 3))
             pictures.append(observation.views[0].rgb.astype(int).sum(axis=-1))
     darker = pictures[1] - pictures[0]
     on_the_table = (darker > 12) & (darker < 22)  # the floor below darkens as a whole, by more
@@ -70,8 +71,8 @@ def test_shadows_are_cast():
 
 def test_tested_containers_were_never_demonstrated():
     assert not set(OTHER_BOWLS) & set(TRAINING_BOWLS)
-    assert not set(WORLDS["other-containers"].box_heights) & set(WORLDS["varied"].box_heights)
-    assert not set(WORLDS["other-containers"].plates) & set(WORLDS["varied"].plates)
+    assert not set(worlds.style("other-containers").box_heights) & set(worlds.style("varied").box_heights)
+    assert not set(worlds.style("other-containers").plates) & set(worlds.style("varied").plates)
 
 
 def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
@@ -85,7 +86,7 @@ def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
         return np.array(gaps)
 
     assert nearest_gap(HOME).min() >= 0.015 - 1e-9
-    touching = nearest_gap(WORLDS["touching"])
+    touching = nearest_gap(worlds.style("touching"))
     assert touching.min() >= 0.001 - 1e-9
     assert (touching < 0.0011).mean() > 0.8
 
@@ -107,11 +108,11 @@ def test_bodies_at_the_edge():
     assert border == pytest.approx([0.02] * 8)
 
 
-@pytest.mark.parametrize("name", [name for name in WORLDS if name != "home"])
+@pytest.mark.parametrize("name", [name for name in worlds.names() if name != "home"])
 @pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
 def test_the_expert_solves_every_world(name, task_name):
     rewards = []
-    with World(style=WORLDS[name]) as world:
+    with World(style=worlds.style(name)) as world:
         for index in range(3):
             task = tasks.make(task_name, "val")
             world.reset(task, tasks.episode_seed("val", index))

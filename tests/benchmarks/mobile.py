@@ -26,7 +26,7 @@ def main() -> None:
     policy.pick.eval()
     task = tasks.make("object-sorting-seen", "val")
     with World() as world:
-        observation = world.reset(task, tasks.episode_seed("val", 0))
+        (observation,) = world.reset(task, tasks.episode_seed("val", 0))
     inputs = policy.inputs(policy.see(observation.views), policy.read(task.instruction))
     print(f"pick logits of one decision, {torch.get_num_threads()} threads; fastest of {REPEATS}")
     print("  tables   stitched      apart   apart / stitched   largest difference")

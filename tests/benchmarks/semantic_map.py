@@ -28,7 +28,7 @@ def main() -> None:
     """Print both times, their ratio, and the largest difference of the two maps."""
     model = clip.load()
     with World() as world:
-        views = world.reset(tasks.make("put-block-in-bowl-seen-colors", "val"), tasks.episode_seed("val", 300)).views
+        views = world.reset(tasks.make("put-block-in-bowl-seen-colors", "val"), tasks.episode_seed("val", 300))[0].views
     grid = PatchGrid(views[0].rgb.shape[:2], LITE.patch, LITE.stride)
     rows, cols = (len(starts) for starts in grid.starts())
     words = model.embed_texts([PHRASE])[0]

@@ -41,7 +41,7 @@ def work() -> None:
     policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", clip.load())
     task = tasks.make("put-block-in-bowl-seen-colors", "val")
     with World() as world:
-        observation = world.reset(task, tasks.episode_seed("val", 0))
+        (observation,) = world.reset(task, tasks.episode_seed("val", 0))
 
     def scene_and_act() -> None:
         semantic_map.embed_scene(observation.views, policy.clip, policy.config)
