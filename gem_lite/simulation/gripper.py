@@ -11,6 +11,7 @@ All motions are counted in simulation steps.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pybullet as p
@@ -127,7 +128,7 @@ class Gripper:
     def _rise(self) -> None:
         self._move(np.array([*self._target[:2], CLEARANCE]), self._yaw)
 
-    def _descend(self, touching) -> set[int]:
+    def _descend(self, touching: Callable[[], set[int]]) -> set[int]:
         """Down in 1 mm strides until ``touching()`` names a body or the tip is on the table."""
         while not (found := touching()) and self._target[2] > TIP_LENGTH / 2:
             self._advance(self._target - [0, 0, 0.001], self._yaw)

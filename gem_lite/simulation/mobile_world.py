@@ -20,7 +20,7 @@ from gem_lite.demonstrations import GripperState
 from gem_lite.rgbd.camera import Camera, View, as_pose, looking
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import tag_plates
+from gem_lite.simulation import tag_plates, worlds
 from gem_lite.simulation.gripper import CLEARANCE
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.simulation.shapes import create_compound, create_visual
@@ -102,7 +102,7 @@ class MobileWorld(Simulation):
 
     def __init__(
         self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), gui: bool = False,
-        style: WorldStyle = WorldStyle(),
+        style: WorldStyle = worlds.HOME,
     ) -> None:  # fmt: skip
         super().__init__(gui, style)
         if not tables:
