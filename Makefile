@@ -12,9 +12,10 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help demo lab test check fuzz wheel check-python clean
+.PHONY: help setup demo lab test lint check fuzz wheel check-python clean
 
 help:
+	@echo "make setup  install everything into $(VENV); every other target does it by itself"
 	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
@@ -55,6 +56,8 @@ $(READY_FOR_DEMO): environment.txt pyproject.toml | check-python
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY_FOR_DEMO)
 
+setup: $(READY)
+
 demo: $(READY_FOR_DEMO)
 	@echo "Running the quickstart: a sentence in, a placed block out."
 	@$(BIN)/python -m gem_lite.cli.demo
@@ -63,19 +66,20 @@ lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
-test: lint $(READY)
-	@echo "2/3 unit tests"
+test: lint
+	@echo "unit tests"
 	@$(BIN)/python -m pytest tests $(if $(JUNIT),--junitxml=$(JUNIT)/unit.xml)
-	@echo "3/3 notebooks"
+	@echo "notebooks"
 	@$(BIN)/python -m pytest --nbval-lax notebooks $(if $(JUNIT),--junitxml=$(JUNIT)/notebooks.xml)
 
 lint: $(READY)
-	@echo "1/3 ruff, mypy"
+	@echo "ruff, mypy"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
 check: lint
+	@echo "the tests that matter most"
 	@$(BIN)/python -m pytest $(CHECKED:%=tests/test_%.py)
 
 fuzz: $(READY)
