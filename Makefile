@@ -2,15 +2,26 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# All of environment.txt; what the demo uses, at the same versions.
 READY := $(VENV)/ready
+READY_FOR_DEMO := $(VENV)/ready-for-demo
+# Python files are compiled when they are first imported: most of them never are.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# A folder for JUnit files, one a part of the tests: make test JUNIT=reports
+JUNIT ?=
+# The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
+CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help demo lab test fuzz check-python clean
+.PHONY: help setup demo lab test lint check fuzz wheel check-python clean
 
 help:
-	@echo "make demo   set up, then watch a robot do what a sentence says (half a minute after the installation)"
+	@echo "make setup  install everything into $(VENV); every other target does it by itself"
+	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
-	@echo "make test   set up, then run ruff, the unit tests and every notebook"
+	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
+	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
+	@echo "make wheel  set up, then build the package with its models into dist/"
 	@echo "make clean  remove the environment and what runs left behind"
 
 check-python:
@@ -21,18 +32,33 @@ check-python:
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  echo "'$(PYTHON)' cannot make virtual environments: install its venv package (on Debian and Ubuntu: python3-venv)."; exit 1; }
 
+define NOT_INSTALLED
+{ echo "The installation failed: see the message above. Without a network or a package index it cannot work;"; \
+  echo "if pybullet had to be compiled, install a C++ compiler and Python's headers (on Debian and Ubuntu: build-essential python3-dev)."; exit 1; }
+endef
+define NOT_LOADED
+{ echo "A package does not load: see the message above. It names the system library to install."; exit 1; }
+endef
+
 $(READY): environment.txt pyproject.toml | check-python
 	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r environment.txt || { \
-	  echo "The installation failed: see the message above. Without a network or a package index it cannot work;"; \
-	  echo "if pybullet had to be compiled, install a C++ compiler and Python's headers (on Debian and Ubuntu: build-essential python3-dev)."; exit 1; }
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
-	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || { \
-	  echo "A package does not load: see the message above. It names the system library to install."; exit 1; }
-	@touch $(READY)
+	@$(PIP) -r environment.txt || $(NOT_INSTALLED)
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
+	@touch $(READY) $(READY_FOR_DEMO)
 
-demo: $(READY)
+$(READY_FOR_DEMO): environment.txt pyproject.toml | check-python
+	@echo "Setting up $(VENV) with what the demo uses (a minute or two the first time) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) --constraint environment.txt setuptools || $(NOT_INSTALLED)
+	@$(PIP) --constraint environment.txt --no-build-isolation --editable '.[demo]' || $(NOT_INSTALLED)
+	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
+	@touch $(READY_FOR_DEMO)
+
+setup: $(READY)
+
+demo: $(READY_FOR_DEMO)
 	@echo "Running the quickstart: a sentence in, a placed block out."
 	@$(BIN)/gem-lite demo
 
@@ -40,17 +66,28 @@ lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
-test: $(READY)
-	@echo "1/3 ruff"
+test: lint
+	@echo "unit tests"
+	@$(BIN)/python -m pytest tests $(if $(JUNIT),--junitxml=$(JUNIT)/unit.xml)
+	@echo "notebooks"
+	@$(BIN)/python -m pytest --nbval-lax notebooks $(if $(JUNIT),--junitxml=$(JUNIT)/notebooks.xml)
+
+lint: $(READY)
+	@echo "ruff, mypy"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@echo "2/3 unit tests"
-	@$(BIN)/python -m pytest tests
-	@echo "3/3 notebooks"
-	@$(BIN)/python -m pytest --nbval-lax notebooks
+	@$(BIN)/mypy
+
+check: lint
+	@echo "the tests that matter most"
+	@$(BIN)/python -m pytest $(CHECKED:%=tests/test_%.py)
 
 fuzz: $(READY)
 	@$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=whole
 
+wheel: $(READY)
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
+	@ls dist/*.whl
+
 clean:
-	rm -rf $(VENV) runs .pytest_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) runs build dist .pytest_cache .ruff_cache .mypy_cache *.egg-info

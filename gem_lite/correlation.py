@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from scipy.fft import next_fast_len
@@ -48,7 +49,7 @@ class _Correlate(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx, features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
+    def forward(ctx: Any, features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:  # noqa: ANN401
         ctx.save_for_backward(features, coefficients)
         height, width = features.shape[-2:]
         half = coefficients.shape[-1] // 2
@@ -62,14 +63,18 @@ class _Correlate(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx, grad: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+    def backward(
+        ctx: Any,  # noqa: ANN401 (torch gives it no type that knows its tensors)
+        grad: torch.Tensor,
+    ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
         features, coefficients = ctx.saved_tensors
         height, width = features.shape[-2:]
         half = coefficients.shape[-1] // 2
         shape = _padded_shape(features, half)
         spectrum = torch.fft.fft2(features, shape).conj()[:, None]
         lags = torch.arange(-half, half + 1, device=features.device)
-        features_grad, coefficients_grad = None, None
+        features_grad: torch.Tensor | None = None
+        coefficients_grad: torch.Tensor | None = None
         if ctx.needs_input_grad[0]:
             total = spectrum.new_zeros(spectrum[:, 0].shape)
         if ctx.needs_input_grad[1]:
@@ -78,7 +83,7 @@ class _Correlate(torch.autograd.Function):
             grads = torch.fft.fft2(grad[:, block], shape)[:, :, None]  # (B, k, 1, P, Q)
             if ctx.needs_input_grad[0]:
                 total += (_mirrored_spectrum(coefficients[:, block], shape).conj() * grads).sum(dim=1)
-            if ctx.needs_input_grad[1]:
+            if coefficients_grad is not None:
                 rows = torch.fft.ifft(spectrum * grads, dim=-2)[..., lags, :]
                 each = torch.fft.ifft(rows)[..., lags].flip(-2, -1)
                 coefficients_grad[:, block] = each.sum_to_size(coefficients[:, block].shape)

@@ -149,10 +149,10 @@ def local_errors(
     size = item.shape[-1]
 
     def scores(picture: torch.Tensor, centre: tuple[int, int]) -> torch.Tensor:
-        window = tuple(slice(c - size // 2, c + size // 2 + 1) for c in centre)
+        rows, cols = (slice(c - size // 2, c + size // 2 + 1) for c in centre)
         scene = background.clone()
-        scene[..., *window] += picture
-        return respond(scene)[..., *window]
+        scene[..., rows, cols] += picture
+        return respond(scene)[..., rows, cols]
 
     plain = scores(item, start)
     return _errors(rotations, lambda j, angle: (scores(turn_by(item, angle), goal), turn_by(regular(plain, j), angle)))

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+
+Length = TypeVar("Length", float, np.ndarray)
 
 
 def wrap(angle: float) -> float:
@@ -73,11 +76,11 @@ class Workspace:
         """(H, W) of the height map."""
         return round((self.y_max - self.y_min) / self.pixel), round((self.x_max - self.x_min) / self.pixel)
 
-    def to_pixel(self, x: float | np.ndarray, y: float | np.ndarray) -> tuple[float, float]:
+    def to_pixel(self, x: Length, y: Length) -> tuple[Length, Length]:
         """World metres to a continuous ``(row, col)``; a cell's centre comes out as whole numbers."""
         return (self.y_max - y) / self.pixel - 0.5, (x - self.x_min) / self.pixel - 0.5
 
-    def to_world(self, row: float | np.ndarray, col: float | np.ndarray) -> tuple[float, float]:
+    def to_world(self, row: Length, col: Length) -> tuple[Length, Length]:
         """``(row, col)`` to world ``(x, y)`` in metres; the inverse of `to_pixel`."""
         return self.x_min + (col + 0.5) * self.pixel, self.y_max - (row + 0.5) * self.pixel
 

@@ -54,7 +54,8 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x, y = np.meshgrid(offset, -offset)  # rows point down
     phi, inside = np.arctan2(y, x).ravel(), disc(size).numpy().ravel()
     distances, ring = np.unique(np.hypot(x, y), return_inverse=True)
-    orders, functions = [], []
+    orders: list[int] = []
+    functions: list[np.ndarray] = []
     for m in range(size * size):
         wavenumbers = jn_zeros(m, size) / radius  # zeros of J_m are about pi apart: more than the band holds
         wavenumbers = wavenumbers[wavenumbers <= math.pi, None]
@@ -65,16 +66,17 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for order, values in {-m: waves.conj(), m: waves}.items():
             orders += len(values) * [order]
             functions.append(values)
-    orders, synthesis = np.array(orders), np.concatenate(functions)
+    order_of = np.array(orders)
+    synthesis = np.concatenate(functions)
     # Least squares over the pixels. Quarter turns map pixels to pixels, so orders that differ by no
     # multiple of 4 are orthogonal, and each of the four classes is solved alone.
     analysis = np.zeros_like(synthesis)
     for quarter in range(4):
-        chosen = orders % 4 == quarter
+        chosen = order_of % 4 == quarter
         if chosen.any():
             basis = synthesis[chosen]
             analysis[chosen] = np.linalg.solve(basis.conj() @ basis.T, basis.conj())
-    return orders, analysis, synthesis
+    return order_of, analysis, synthesis
 
 
 @lru_cache(maxsize=6)

@@ -22,6 +22,7 @@ from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
 PYRAMID = "stack-block-pyramid-seq-seen-colors"
 PYRAMID_UNSEEN = "stack-block-pyramid-seq-unseen-colors"
 INSERTION, BARS = "block-insertion", "bars-in-box"
+NO_SHIFT = Pose2(0, 0)
 PACKING, PACKING_UNSEEN = "packing-shapes-seen", "packing-shapes-unseen"
 FAMILIES = [PYRAMID, PYRAMID_UNSEEN, PACKING, PACKING_UNSEEN, INSERTION, BARS]
 
@@ -312,7 +313,7 @@ def test_a_fixture_leaves_its_clearance_all_round(blind, stage):
             assert (gap(blind, fixture, block) > 0) == free
 
 
-def insert(world, index, shift=Pose2(0, 0)):
+def insert(world, index, shift=NO_SHIFT):
     """The reward of the expert's action with its place moved by ``shift`` in the fixture's frame."""
     task = lay_out(world, INSERTION, index)
     expert = task.expert(world).action

@@ -1,7 +1,6 @@
-"""The package as a wheel: built without a network, installed elsewhere, used from another folder."""
+"""The package as a wheel: what it declares, and what it does when it is installed elsewhere, without a network."""
 
 import ast
-import re
 import shutil
 import subprocess
 import sys
@@ -10,12 +9,21 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
-from gem_lite import clip, files
+from gem_lite import clip, demonstrations, files
+from gem_lite.policies import checkpoints
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-USE = """
+GROUPS = PROJECT["project"]["optional-dependencies"]
+ROBOT = next(c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"] == "forbidden")["source_modules"]
+"""The modules that need the core group alone."""
+GROUP_OF = {"gem_lite.figures": "notebooks", "gem_lite.cli": "demo"}
+"""What other packages need; "sim" where nothing is said."""
+POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl-seen-colors-10"
+USE_ALL = """
 from gem_lite import clip
 from gem_lite.cli import demo
 from gem_lite.evaluation import evaluate, results
@@ -26,29 +34,96 @@ assert (clip.DATA / "gem-put-block-in-bowl.safetensors").exists()
 assert results.read_rows(results.results_file("put-block-in-bowl-seen-colors"))
 print(clip.DATA, clip.__file__, model.name, sep="\\n")
 """
+ACT = f"""
+from importlib.util import find_spec
+visible = [name for name in ("pybullet", "matplotlib", "shapely", "trimesh", "nbformat", "pytest") if find_spec(name)]
+from gem_lite import clip, demonstrations
+from gem_lite.policies import checkpoints
+policy = checkpoints.load_policy(clip.DATA / {POLICY!r}, clip.load())
+step = demonstrations.load(clip.DATA / "demos" / {DEMONSTRATIONS!r})[0].steps[0]
+print(clip.DATA, visible, policy.act(step.observation, step.instruction), sep="\\n")
+"""
 
 
-def imported() -> set[str]:
-    """The names of all top-level modules that the package imports."""
+def imported(paths: list[Path]) -> set[str]:
+    """The names of all top-level modules that Python files import."""
     modules = set()
-    for path in (ROOT / "gem_lite").rglob("*.py"):
+    for path in paths:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 modules |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                modules.add((node.module or "").partition(".")[0])
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                modules.add(node.module.partition(".")[0])
     return modules - {"gem_lite"} - sys.stdlib_module_names
 
 
-def test_every_import_is_a_dependency():
+def group(name: str) -> list[Requirement]:
+    """What a group of pyproject.toml asks for, with the core group and the groups that it names."""
+    asked = [Requirement(line) for line in PROJECT["project"]["dependencies"] + GROUPS.get(name, [])]
+    others = [extra for requirement in asked if requirement.name == "gem_lite" for extra in requirement.extras]
+    outside = [requirement for requirement in asked if requirement.name != "gem_lite"]
+    return outside + [requirement for extra in others for requirement in group(extra)]
+
+
+def closure(requirements: list[Requirement]) -> set[str]:
+    """The names of all distributions that ``requirements`` bring along here."""
+    names: set[str] = set()
+    waiting = list(requirements)
+    done = set()
+    while waiting:
+        requirement = waiting.pop()
+        extras = {"", *requirement.extras}
+        if (requirement.name, *sorted(extras)) in done:
+            continue
+        done.add((requirement.name, *sorted(extras)))
+        names.add(canonicalize_name(requirement.name))
+        for line in metadata.requires(requirement.name) or []:
+            further = Requirement(line)
+            if further.marker is None or any(further.marker.evaluate({"extra": extra}) for extra in extras):
+                waiting.append(further)
+    return names
+
+
+def files_of(module: str) -> list[Path]:
+    path = ROOT.joinpath(*module.split("."))
+    return list(path.rglob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
+
+
+def parts() -> list[tuple[str, str]]:
+    """Each module or package of the library's top, and the group that it needs."""
+    top = [path for path in (ROOT / "gem_lite").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()]
+    names = sorted(f"gem_lite.{path.stem}" for path in top if path.stem not in ("__init__", "__main__"))
+    return [(name, "core" if name in ROBOT else GROUP_OF.get(name, "sim")) for name in names]
+
+
+@pytest.mark.parametrize(("module", "needs"), parts())
+def test_what_a_part_imports_is_in_its_group(module, needs):
     providers = metadata.packages_distributions()
-    names = [re.split("[=<>~! ]", name)[0] for name in PROJECT["project"]["dependencies"]]
-    declared = {name.lower().replace("-", "_") for name in names}
-    assert len(imported()) > 10
+    declared = {canonicalize_name(requirement.name) for requirement in group(needs)}
     missing = {
-        module for module in imported() if not declared & {p.lower().replace("-", "_") for p in providers[module]}
+        name for name in imported(files_of(module)) if not declared & set(map(canonicalize_name, providers[name]))
     }
     assert missing == set()
+
+
+def test_what_is_declared_is_imported_or_said_to_be_brought_along():
+    declared = {canonicalize_name(requirement.name) for requirement in group("sim")}
+    providers = metadata.packages_distributions()
+    used = {canonicalize_name(name) for module in imported(files_of("gem_lite")) for name in providers[module]}
+    assert declared - used <= {"mapbox-earcut", "tyro", "typing-extensions"}
+
+
+def test_environment_pins_all_that_the_tests_and_the_demo_install():
+    lines = (ROOT / "environment.txt").read_text().splitlines()
+    pinned = {canonicalize_name(line.partition("==")[0]) for line in lines if "==" in line}
+    needed = closure([requirement for name in ("demo", "notebooks", "dev") for requirement in group(name)])
+    assert len(needed) > 100
+    assert needed - pinned == set()
+
+
+def test_the_group_all_holds_every_group():
+    everything = {str(requirement) for requirement in group("all")}
+    assert everything >= {str(requirement) for name in GROUPS for requirement in group(name)}
 
 
 def test_every_package_is_in_the_wheel():
@@ -75,21 +150,47 @@ def installed(tmp_path_factory):
     return target
 
 
-def test_an_installed_wheel_works_from_another_folder(installed, tmp_path):
-    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{USE}"]
-    environment = {"HF_HUB_OFFLINE": "1", "HOME": str(tmp_path)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800)
+def run(program, folders, home):
+    """The lines that a program prints which sees Python's own library and ``folders``, but no site-packages."""
+    paths = [str(folder) for folder in folders]
+    command = [sys.executable, "-I", "-S", "-B", "-c", f"import sys\nsys.path[:0] = {paths!r}\n{program}"]
+    environment = {"HF_HUB_OFFLINE": "1", "HOME": str(home)}
+    done = subprocess.run(command, cwd=home, env=environment, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
-    data, module, name = done.stdout.splitlines()
+    return done.stdout.splitlines()
+
+
+def test_an_installed_wheel_works_from_another_folder(installed, tmp_path):
+    here = Path(metadata.distribution("torch").locate_file(""))
+    data, module, name = run(USE_ALL, [installed, here], tmp_path)
     assert Path(data) == installed / "gem_lite_data"
     assert Path(module) == installed / "gem_lite" / "clip" / "__init__.py"
     assert name == "embedded clip-tabletop"
 
 
+def test_an_installed_wheel_with_the_core_group_alone_acts(installed, tmp_path):
+    core = tmp_path / "core"
+    core.mkdir()
+    for name in closure(group("core")):
+        distribution = metadata.distribution(name)
+        for top in {file.parts[0] for file in distribution.files} - {"..", "__pycache__"}:
+            if not (core / top).exists():  # two distributions may share a folder
+                (core / top).symlink_to(distribution.locate_file(top))
+    data, visible, action = run(ACT, [installed, core], tmp_path)
+    assert Path(data) == installed / "gem_lite_data"
+    assert visible == "[]"
+    step = demonstrations.load(clip.DATA / "demos" / DEMONSTRATIONS)[0].steps[0]
+    here = checkpoints.load_policy(clip.DATA / POLICY, clip.load()).act(step.observation, step.instruction)
+    assert action == str(here)
+
+
 def test_the_wheel_names_its_dependencies(installed):
     (folder,) = installed.glob("gem_lite-*.dist-info")
-    required = metadata.PathDistribution(folder).requires
-    assert set(required) == set(PROJECT["project"]["dependencies"])
+    wheel = metadata.PathDistribution(folder)
+    required = [Requirement(line) for line in wheel.requires]
+    assert {str(r) for r in required if r.marker is None} == set(PROJECT["project"]["dependencies"])
+    assert set(wheel.metadata.get_all("Provides-Extra")) == set(GROUPS)
+    assert wheel.metadata["Requires-Python"] == PROJECT["project"]["requires-python"]
 
 
 def test_the_checkouts_data_comes_first(tmp_path):

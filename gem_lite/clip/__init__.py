@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
 
 import huggingface_hub
 import transformers
+from transformers import PreTrainedTokenizerBase
 from transformers.image_processing_base import ImageProcessingMixin
 
 from gem_lite.clip.calibration import Calibration, read
@@ -37,13 +39,17 @@ class Clip:
         folder: the local folder with the model's files, if there is one.
     """
 
-    def __init__(self, name: str, model: torch.nn.Module, tokenizer, preprocessing: dict, folder: Path | None) -> None:
+    def __init__(
+        self, name: str, model: torch.nn.Module, tokenizer: PreTrainedTokenizerBase, preprocessing: dict,
+        folder: Path | None,
+    ) -> None:  # fmt: skip
         self.name, self.folder = name, folder
         self.fingerprint = _fingerprint(model)
         model.eval().requires_grad_(False)
         if isinstance(model, ResNetClip):
             model.fold_batch_norms()
-        self._model = model.to(memory_format=torch.channels_last)
+        self._model = cast(Any, model)  # a CLIPModel, or another class with the same methods
+        self._model.to(memory_format=torch.channels_last)
         self.tokenizer = tokenizer
         size = preprocessing.get("crop_size") or preprocessing["size"]
         if isinstance(size, dict):
@@ -51,8 +57,8 @@ class Clip:
         self._size = int(size)
         mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
         self._scale, self._shift = 1 / std, -mean / std
-        self.dim = int(model.config.projection_dim)
-        self.width = int(model.visual_projection.in_features)
+        self.dim = int(self._model.config.projection_dim)
+        self.width = int(self._model.visual_projection.in_features)
         self._texts: dict[str, torch.Tensor] = {}
 
     @cached_property
@@ -174,18 +180,18 @@ def _fingerprint(model: torch.nn.Module) -> str:
 def unit(features: object) -> torch.Tensor:
     """What ``get_image_features`` or ``get_text_features`` returned, as unit-length float32 vectors."""
     # Newer transformers wrap the projected features in an output object.
-    tensor = features if isinstance(features, torch.Tensor) else features.pooler_output
+    tensor = features if isinstance(features, torch.Tensor) else cast(Any, features).pooler_output
     return F.normalize(tensor.float(), dim=-1)
 
 
-def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, object, dict]:
+def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
     # Float32 whatever the file holds: half precision is slow on a CPU, and maps are compared to 1e-4.
     model = transformers.AutoModel.from_pretrained(name, local_files_only=offline, dtype=torch.float32)
     tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
     return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
 
 
-def _find(name: str) -> tuple[torch.nn.Module, object, dict]:
+def _find(name: str) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
     """What is on this machine first; only then, and saying so, the network."""
     transformers.utils.logging.disable_progress_bar()
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import nn
@@ -23,6 +25,7 @@ class ResNetClip(VisionTextDualEncoderModel):
     """
 
     config_class = ResNetClipConfig
+    vision_model: Any  # transformers says of it only that it is a module
 
     def __init__(self, config: ResNetClipConfig) -> None:
         super().__init__(config)
@@ -35,7 +38,7 @@ class ResNetClip(VisionTextDualEncoderModel):
         A picture of 40 pixels makes three cells of 16, and the tower has learned to see in them its 40
         pixels. Moved by half of what is missing, every cell of a larger picture is about its own 16.
         """
-        vision = self.config.vision_config
+        vision: Any = self.config.vision_config
         shift = -vision.image_size % 2 ** len(vision.depths) // 2
         moved = F.pad(pixels[..., shift:, shift:], (0, shift, 0, shift), mode="replicate")
         return self.vision_model(moved).last_hidden_state.permute(0, 2, 3, 1)

@@ -16,6 +16,8 @@ from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
 
+LITE = PatchConfig()
+"""The patches of the configuration `lite`, whatever the method."""
 SCENES = 8
 """Calibration uses the first scenes of the validation split: no training and no test scene."""
 
@@ -37,7 +39,7 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
             yield NamedScene(views, ((phrases.pick, action.pick), (phrases.place, action.place)))
 
 
-def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = PatchConfig()) -> Calibration:
+def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = LITE) -> Calibration:
     """Measure a CLIP's numbers: any scenes will do whose phrases and poses are known.
 
     Low is the median of the unscaled maps of the scenes' phrases, high the mean of their peaks. The views of each

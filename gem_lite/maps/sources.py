@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from typing_extensions import override
@@ -20,6 +20,9 @@ from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.registry import Registry
 from gem_lite.rgbd.camera import View
+
+
+ViewEmbedding = TypeVar("ViewEmbedding")
 
 
 class MapSource(ABC):
@@ -48,19 +51,19 @@ class MapSource(ABC):
         """
 
 
-class ViewSource(MapSource):
+class ViewSource(MapSource, Generic[ViewEmbedding]):
     """A scorer of one view, and the fusion by point cloud that all such sources share."""
 
-    def embed_view(self, view: View, inside: np.ndarray) -> Any:
-        """What `score_view` needs of a view, whatever the query. Here that is its picture, (H_n, W_n, 3) uint8.
+    @abstractmethod
+    def embed_view(self, view: View, inside: np.ndarray) -> ViewEmbedding:
+        """What `score_view` needs of a view, whatever the query: its pixels, for instance.
 
         Args:
             inside: (H_n, W_n) bool, the pixels inside the workspace; nobody reads the scores of the others.
         """
-        return view.rgb
 
     @abstractmethod
-    def score_view(self, embedded: Any, query: Query) -> np.ndarray:
+    def score_view(self, embedded: ViewEmbedding, query: Query) -> np.ndarray:
         """How well each pixel of a view matches, (H_n, W_n): about 0 where it does not, about 1 where it does."""
 
     @override

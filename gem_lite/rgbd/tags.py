@@ -31,8 +31,8 @@ def find_tags(view: View) -> dict[int, np.ndarray]:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
     corners, numbers, _ = cv2.aruco.ArucoDetector(DICTIONARY, parameters).detectMarkers(view.rgb)
-    found = [] if numbers is None else numbers.ravel().tolist()
-    return {number: quad[0].astype(float) for number, quad in zip(found, corners, strict=True)}
+    found = [] if numbers is None else numbers.ravel()
+    return {int(number): quad[0].astype(float) for number, quad in zip(found, corners, strict=True)}
 
 
 def table_in_base(view: View, number: int, tag: Pose2) -> Pose2:
