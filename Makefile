@@ -40,14 +40,18 @@ lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
+# Two files at a time, the longest first: the later lessons, and then the unit tests. One thread each, since two
+# programs on two cores would wait for each other's. TEST_OPTIONS: more for pytest, such as --junitxml=report.xml.
+WORKERS ?= 2
+LESSONS := $(shell ls -r notebooks/*.ipynb)
+
 test: $(READY)
-	@echo "1/3 ruff"
+	@echo "1/2 ruff"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@echo "2/3 unit tests"
-	@$(BIN)/python -m pytest tests
-	@echo "3/3 notebooks"
-	@$(BIN)/python -m pytest --nbval-lax notebooks
+	@echo "2/2 notebooks and unit tests, $(WORKERS) files at a time"
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder \
+	  --nbval-lax $(TEST_OPTIONS) $(LESSONS) tests
 
 fuzz: $(READY)
 	@$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=whole
