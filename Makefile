@@ -66,11 +66,15 @@ lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
+# Two files at a time, the longest first: the later lessons, and then the unit tests. One thread each, since two
+# programs on two cores would wait for each other's. JUNIT: a folder for the report that forges read.
+WORKERS ?= 2
+LESSONS := $(shell ls -r notebooks/*.ipynb)
+
 test: lint
-	@echo "unit tests"
-	@$(BIN)/python -m pytest tests $(if $(JUNIT),--junitxml=$(JUNIT)/unit.xml)
-	@echo "notebooks"
-	@$(BIN)/python -m pytest --nbval-lax notebooks $(if $(JUNIT),--junitxml=$(JUNIT)/notebooks.xml)
+	@echo "notebooks and unit tests, $(WORKERS) files at a time"
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder \
+	  --nbval-lax $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
 
 lint: $(READY)
 	@echo "ruff, mypy"

@@ -42,6 +42,18 @@ def world():
         yield shared
 
 
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Worlds without cameras: for tests that read the simulator's truth, since pictures take most of the time."""
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
+
+
+@pytest.fixture
+def blind(world, no_pictures):
+    """The shared world without its cameras."""
+    return world
+
+
 @pytest.fixture(scope="session")
 def stage(world):
     """``stage(build, ..., score=..., max_steps=...)`` lays bodies out and returns (bodies, observation)."""

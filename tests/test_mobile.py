@@ -389,7 +389,7 @@ def test_the_expert_sorts_over_two_tables(world, name):
     assert tables == {0, 1}
 
 
-def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart():
+def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart(no_pictures):
     from gem_lite.tasks import object_sorting
 
     assert len(object_sorting.SEEN) == 15 and len(object_sorting.UNSEEN) == 12

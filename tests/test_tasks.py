@@ -16,7 +16,6 @@ from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import effectors, shapes, trays
 from gem_lite.simulation.goals import ZoneMetric
 from gem_lite.simulation.rendering import bodies_from_above
-from gem_lite.simulation.world import World
 from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
 
 PYRAMID = "stack-block-pyramid-seq-seen-colors"
@@ -25,13 +24,6 @@ INSERTION, BARS = "block-insertion", "bars-in-box"
 NO_SHIFT = Pose2(0, 0)
 PACKING, PACKING_UNSEEN = "packing-shapes-seen", "packing-shapes-unseen"
 FAMILIES = [PYRAMID, PYRAMID_UNSEEN, PACKING, PACKING_UNSEEN, INSERTION, BARS]
-
-
-@pytest.fixture
-def blind(world, monkeypatch):
-    """The shared world without cameras: these tests read the simulator's truth, and pictures take most of the time."""
-    monkeypatch.setattr(World, "observe", lambda self: (None,))
-    return world
 
 
 def lay_out(world, name, index=0, split="val"):

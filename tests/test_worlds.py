@@ -108,9 +108,14 @@ def test_bodies_at_the_edge():
     assert border == pytest.approx([0.02] * 8)
 
 
-@pytest.mark.parametrize("name", [name for name in worlds.names() if name != "home"])
+def lies_as_at_home(style):
+    """Whether only the look differs: test_another_look_is_the_same_layout."""
+    return dataclasses.replace(style, name=HOME.name, floor=HOME.floor, light=HOME.light) == HOME
+
+
+@pytest.mark.parametrize("name", [name for name in worlds.names() if not lies_as_at_home(worlds.style(name))])
 @pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
-def test_the_expert_solves_every_world(name, task_name):
+def test_the_expert_solves_every_world(name, task_name, no_pictures):
     rewards = []
     with World(style=worlds.style(name)) as world:
         for index in range(3):

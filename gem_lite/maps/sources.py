@@ -21,7 +21,6 @@ from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.registry import Registry
 from gem_lite.rgbd.camera import View
 
-
 ViewEmbedding = TypeVar("ViewEmbedding")
 
 

@@ -1,0 +1,369 @@
+"""Laws that hold for every input: SE(2), the patch grid, stitch and split, and the grammar of sentences."""
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from gem_lite import language
+from gem_lite.language import Phrases as Queries
+from gem_lite.language import conjuncts, parse
+from gem_lite.maps.semantic_map import PatchGrid, patchify, unpatchify
+from gem_lite.policies.several_tables import split, stitch
+from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_off, rotate_image, rotation_matrix, wrap
+
+ANGLES = st.floats(-20, 20)
+METRES = st.floats(-2, 2)
+POSES = st.builds(Pose2, METRES, METRES, ANGLES)
+IDENTITY = Pose2(0.0, 0.0, 0.0)
+
+
+def assert_same_pose(a, b):
+    assert (a.x, a.y, wrap(a.yaw - b.yaw)) == pytest.approx((b.x, b.y, 0.0), abs=1e-9)
+
+
+# SE(2) --------------------------------------------------------------------------------------------------------
+
+
+@given(POSES, POSES, POSES)
+def test_poses_are_a_group(a, b, c):
+    assert_same_pose((a @ b) @ c, a @ (b @ c))
+    assert_same_pose(a @ IDENTITY, a)
+    assert_same_pose(IDENTITY @ a, a)
+    assert_same_pose(a @ a.inverse(), IDENTITY)
+    assert_same_pose(a.inverse() @ a, IDENTITY)
+    assert_same_pose((a @ b).inverse(), b.inverse() @ a.inverse())
+
+
+@given(POSES, POSES, POSES)
+def test_a_motion_keeps_distances_and_relative_poses(motion, a, b):
+    assert_same_pose((motion @ a).inverse() @ (motion @ b), a.inverse() @ b)
+    moved_a, moved_b = motion @ a, motion @ b
+    assert math.dist((moved_a.x, moved_a.y), (moved_b.x, moved_b.y)) == pytest.approx(
+        math.dist((a.x, a.y), (b.x, b.y)), abs=1e-9
+    )
+
+
+@given(st.floats(-1e6, 1e6), st.integers(-1000, 1000))
+def test_wrap_keeps_the_direction_and_forgets_whole_turns(angle, turns):
+    wrapped = wrap(angle)
+    assert -math.pi <= wrapped < math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1, abs=1e-9)
+    assert math.cos(wrap(angle + 2 * math.pi * turns) - wrapped) == pytest.approx(1, abs=1e-9)
+
+
+@given(ANGLES, st.integers(1, 12), st.integers(-20, 20))
+def test_an_angle_is_as_far_off_as_every_equivalent_angle(angle, fold, turns):
+    symmetry = 2 * math.pi / fold
+    off = angle_off(angle, symmetry)
+    assert 0 <= off <= symmetry / 2 + 1e-9
+    assert angle_off(angle + turns * symmetry, symmetry) == pytest.approx(off, abs=1e-9)
+    assert angle_off(-angle, symmetry) == pytest.approx(off, abs=1e-9)
+
+
+# World and pixels -----------------------------------------------------------------------------------------------
+
+
+@st.composite
+def workspaces(draw):
+    """Any table: a corner anywhere, 1 to 60 cells a side, cells of 1 to 20 mm."""
+    pixel = draw(st.floats(0.001, 0.02))
+    x_min, y_min = draw(METRES), draw(METRES)
+    rows, cols = draw(st.integers(1, 60)), draw(st.integers(1, 60))
+    return Workspace(x_min, x_min + cols * pixel, y_min, y_min + rows * pixel, pixel=pixel)
+
+
+FRACTIONS = st.floats(0.001, 0.999)
+
+
+@given(workspaces(), METRES, METRES)
+def test_world_and_pixels_undo_each_other(workspace, x, y):
+    assert workspace.to_world(*workspace.to_pixel(x, y)) == pytest.approx((x, y), abs=1e-9)
+
+
+@given(workspaces(), st.data())
+def test_a_cells_centre_lies_in_that_cell(workspace, data):
+    rows, cols = workspace.shape
+    cell = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    assert workspace.nearest_cell(*workspace.to_world(*cell)) == cell
+
+
+@given(workspaces(), FRACTIONS, FRACTIONS)
+def test_every_point_of_the_table_has_a_cell_at_most_half_a_pixel_away(workspace, across, along):
+    x = workspace.x_min + across * (workspace.x_max - workspace.x_min)
+    y = workspace.y_min + along * (workspace.y_max - workspace.y_min)
+    row, col = workspace.nearest_cell(x, y)
+    assert 0 <= row < workspace.shape[0] and 0 <= col < workspace.shape[1]
+    centre = workspace.to_world(row, col)
+    assert max(abs(centre[0] - x), abs(centre[1] - y)) <= workspace.pixel / 2 + 1e-9
+
+
+@given(workspaces(), METRES, METRES, ANGLES, METRES, METRES)
+def test_counter_clockwise_in_the_world_is_counter_clockwise_in_the_picture(workspace, x, y, angle, dx, dy):
+    # The same vector, turned in the world by a pose and in the picture by a matrix.
+    turned = Pose2(x, y, angle) @ Pose2(dx, dy)
+    here, there = np.array(workspace.to_pixel(x, y)), np.array(workspace.to_pixel(x + dx, y + dy))
+    assert workspace.to_pixel(turned.x, turned.y) == pytest.approx(
+        here + rotation_matrix(angle) @ (there - here), abs=1e-6
+    )
+
+
+@given(ANGLES, ANGLES)
+def test_turns_of_pixels_add_up(first, second):
+    both = rotation_matrix(first) @ rotation_matrix(second)
+    np.testing.assert_allclose(both, rotation_matrix(first + second), atol=1e-9)
+
+
+SIDES = st.integers(2, 24)
+SHIFTS = st.tuples(st.integers(-5, 5), st.integers(-5, 5))
+
+
+def picture_of(shape):
+    """(1, 1, H, W) of random numbers in [1, 2): 0 can only come from outside."""
+    return torch.from_numpy(np.random.default_rng(0).uniform(1, 2, (1, 1, *shape)))
+
+
+@given(SIDES, st.integers(-8, 8), SHIFTS, st.data())
+def test_a_picture_and_its_pixels_move_together(side, quarters, shift, data):
+    # Quarter turns and whole shifts take cells to cells, so nothing is interpolated.
+    image = picture_of((side, side))
+    pixel = data.draw(st.integers(0, side - 1)), data.draw(st.integers(0, side - 1))
+    motion = ImageMotion(quarters * math.pi / 2, shift)
+    landed = motion.move(pixel, (side, side))
+    row, col = (round(value) for value in landed)
+    assert landed == pytest.approx((row, col), abs=1e-9)
+    assume(0 <= row < side and 0 <= col < side)
+    assert motion.warp(image)[0, 0, row, col].item() == pytest.approx(image[0, 0, *pixel].item(), abs=1e-4)
+
+
+@given(SIDES, st.integers(-8, 8))
+def test_a_quarter_turn_is_rot90(side, quarters):
+    image = picture_of((side, side))
+    turned = rotate_image(image, torch.tensor([quarters * math.pi / 2]))
+    assert torch.allclose(turned, torch.rot90(image, quarters, (2, 3)), atol=1e-5)
+
+
+@given(SIDES, SIDES, ANGLES, SHIFTS, st.floats(0, 30), st.floats(0, 30), ANGLES)
+def test_a_motion_of_pixels_keeps_distances_and_turns_directions(height, width, angle, shift, row, col, direction):
+    motion = ImageMotion(angle, shift)
+    start, ahead = (row, col), (row - math.sin(direction), col + math.cos(direction))  # rows point down
+    here, there = (np.array(motion.move(pixel, (height, width))) for pixel in (start, ahead))
+    turned = direction + angle
+    assert there - here == pytest.approx((-math.sin(turned), math.cos(turned)), abs=1e-9)
+
+
+# The patch grid -------------------------------------------------------------------------------------------------
+
+
+@st.composite
+def grids(draw):
+    shape = draw(st.tuples(st.integers(1, 40), st.integers(1, 40)))
+    patch = draw(st.integers(1, min(shape)))
+    return PatchGrid(shape, patch, draw(st.integers(1, patch)))
+
+
+def counts(grid):
+    """(H, W): how many patches hold each pixel, counted one patch at a time."""
+    total = np.zeros(grid.shape)
+    rows, cols = grid.starts()
+    for row in rows:
+        for col in cols:
+            total[row : row + grid.patch, col : col + grid.patch] += 1
+    return total
+
+
+def size(grid):
+    """(m, n): the number of rows and columns of patches."""
+    rows, cols = grid.starts()
+    return len(rows), len(cols)
+
+
+@given(grids())
+def test_every_pixel_is_covered_and_no_patch_leaves_the_image(grid):
+    for starts, length in zip(grid.starts(), grid.shape, strict=True):
+        assert starts[0] == 0 and starts[-1] == length - grid.patch
+        assert ((np.diff(starts) >= 1) & (np.diff(starts) <= grid.stride)).all()
+    assert counts(grid).min() >= 1
+    rows, cols = grid.coverage()
+    assert np.array_equal(np.outer(rows.sum(axis=1), cols.sum(axis=1)), counts(grid))
+
+
+@given(grids(), st.floats(-100, 100, width=32))
+def test_a_constant_stays_that_constant(grid, value):
+    np.testing.assert_allclose(unpatchify(np.full(size(grid), value), grid), value, rtol=1e-5, atol=1e-5)
+
+
+@given(grids(), st.integers(0, 2**32 - 1))
+def test_unpatchify_is_the_mean_of_the_patches_that_hold_a_pixel(grid, seed):
+    scores = np.random.default_rng(seed).normal(size=size(grid))
+    total = np.zeros(grid.shape)
+    rows, cols = grid.starts()
+    for i, row in enumerate(rows):
+        for j, col in enumerate(cols):
+            total[row : row + grid.patch, col : col + grid.patch] += scores[i, j]
+    spread = unpatchify(scores, grid)
+    np.testing.assert_allclose(spread, total / counts(grid), atol=1e-4)
+    assert scores.min() - 1e-5 <= spread.min() and spread.max() <= scores.max() + 1e-5
+
+
+@given(grids(), st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_patches_are_slices_and_wanted_ones_are_those(grid, channels, seed):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 255, (*grid.shape, channels), np.uint8)
+    patches = patchify(image, grid)
+    rows, cols = grid.starts()
+    assert patches.shape == (len(rows), len(cols), grid.patch, grid.patch, channels)
+    i, j = rng.integers(len(rows)), rng.integers(len(cols))
+    assert np.array_equal(patches[i, j], image[rows[i] : rows[i] + grid.patch, cols[j] : cols[j] + grid.patch])
+    wanted = rng.random(size(grid)) < 0.3
+    assert np.array_equal(patchify(image, grid, wanted), patches[wanted])
+
+
+@given(grids(), st.integers(0, 2**32 - 1))
+def test_patches_without_overlap_are_put_back(grid, seed):
+    # Patches side by side: the mean of a patch of one colour is that colour.
+    side = grid.patch
+    rows, cols = size(grid)
+    grid = PatchGrid((rows * side, cols * side), side, side)
+    scores = np.random.default_rng(seed).normal(size=size(grid))
+    image = unpatchify(scores, grid)
+    np.testing.assert_allclose(patchify(image[..., None], grid).mean(axis=(2, 3, 4)), scores, atol=1e-5)
+
+
+@given(grids(), st.data())
+def test_a_pixel_meets_the_patches_that_hold_it(grid, data):
+    pixel = tuple(data.draw(st.integers(0, length - 1)) for length in grid.shape)
+    pixels = np.zeros(grid.shape, bool)
+    pixels[pixel] = True
+    met = grid.meets(pixels)
+    assert met.sum() == counts(grid)[pixel]
+    marked = pixels[..., None].astype(np.uint8)
+    assert np.array_equal(patchify(marked, grid).any(axis=(2, 3, 4)), met)
+
+
+# Several tables -------------------------------------------------------------------------------------------------
+
+SMALL = st.integers(1, 6)
+
+
+@given(SMALL, SMALL, SMALL, SMALL, st.data())
+def test_a_cell_of_the_stitched_map_is_the_cell_of_one_table(tables, turns, height, width, data):
+    maps = torch.arange(tables * turns * height * width).reshape(tables, turns, height, width)
+    stitched = stitch(maps)
+    assert stitched.shape == (turns, height, tables * width)
+    cell = tuple(data.draw(st.integers(0, length - 1)) for length in stitched.shape)
+    table, own = split(cell, width)
+    assert 0 <= table < tables
+    assert maps[table][own] == stitched[cell]
+    assert (own[0], own[1], table * width + own[2]) == cell
+
+
+@given(SMALL, SMALL, SMALL, SMALL, st.integers(0, 2**32 - 1))
+def test_the_best_of_the_stitched_map_is_the_best_of_all_tables(tables, turns, height, width, seed):
+    maps = torch.from_numpy(np.random.default_rng(seed).normal(size=(tables, turns, height, width)))
+    stitched = stitch(maps)
+    best = tuple(int(i) for i in np.unravel_index(int(stitched.argmax()), stitched.shape))
+    table, own = split(best, width)
+    assert maps[table][own] == maps.max()
+    assert table == int(maps.flatten(1).max(dim=1).values.argmax())
+
+
+# The parser -----------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+    """How a sentence names something, and the phrase that a parser must find."""
+
+    written: str
+    phrase: str
+
+
+def maybe(strategy):
+    return st.one_of(st.just(""), strategy)
+
+
+def spaced(*words):
+    return " ".join(word for word in words if word)
+
+
+NOUNS = ("block", "bowl", "brown box", "coffee mug", "letter E block", "pile of blocks", "mug with orange stripes")
+COLORS = ("red", "light brown", "scarlet", "grey")
+KINDS = st.builds(spaced, maybe(st.sampled_from(COLORS)), st.sampled_from(NOUNS))
+DETERMINERS = maybe(st.sampled_from(("the", "a", "all of the", "one of the")))
+THINGS = st.builds(lambda determiner, kind: Named(spaced(determiner, kind), kind.lower()), DETERMINERS, KINDS)
+PLACED = st.builds(
+    lambda thing, where: Named(spaced(thing.written, where), spaced(thing.phrase, where)),
+    THINGS, maybe(st.sampled_from(language.LOCATIONS)),
+)  # fmt: skip
+"""Anything, and perhaps which one of several equal ones."""
+JOINED = st.builds(
+    lambda first, second, kind: Named(f"the {first} and {second} {kind}", f"{first} and {second} {kind}"),
+    st.sampled_from(COLORS), st.sampled_from(COLORS), st.sampled_from(("blocks", "mugs")),
+)  # fmt: skip
+HELD = st.builds(
+    lambda thing, part: Named(f"{thing.written} by its {part}", f"{thing.phrase} {part}"),
+    THINGS, st.sampled_from(language.PARTS),
+)  # fmt: skip
+PICKS = st.one_of(PLACED, JOINED, HELD)
+PLACES = st.one_of(PLACED, JOINED)
+JOINTS = st.builds(
+    spaced,
+    st.sampled_from(("and", "then", "and then", ", and")), st.sampled_from(language.VERBS),
+    maybe(st.sampled_from(("it", "them"))),
+)  # fmt: skip
+PREPOSITIONS = st.sampled_from(language.PLACING)
+OPENINGS = maybe(st.sampled_from(("please", "could you", "now")))
+CLOSINGS = maybe(st.sampled_from((".", "please", "for me , thank you !")))
+
+
+@given(OPENINGS, st.sampled_from(language.VERBS), PICKS, maybe(JOINTS), PREPOSITIONS, PLACES, CLOSINGS)
+def test_every_sentence_of_the_grammar_is_read_right(opening, verb, pick, joint, preposition, place, closing):
+    sentence = spaced(opening, verb, pick.written, joint, preposition, place.written, closing)
+    assert parse(sentence) == Queries(pick.phrase, place.phrase)
+
+
+@given(st.sampled_from(language.VERBS), PICKS, PREPOSITIONS, PLACES, st.data())
+def test_spelling_does_not_matter(verb, pick, preposition, place, data):
+    words = spaced(verb, pick.written, preposition, place.written).split()
+    changed = [data.draw(st.sampled_from((word, word.upper(), word.title()))) for word in words]
+    gaps = [data.draw(st.sampled_from((" ", "  ", "\t", "\n"))) for _ in words]
+    written = "".join(word + gap for word, gap in zip(changed, gaps, strict=True))
+    assert parse(written) == Queries(pick.phrase, place.phrase)
+
+
+VOCABULARY = (
+    *language.VERBS, *language.PLACING, *language.LOCATIONS, *language.DETERMINERS, *NOUNS, *COLORS,
+    *language.PARTS[:4], "and", "then", ",", "of", "with", "by its", "by the", "it", "next to", "from", "gently", ".",
+)  # fmt: skip
+ANY_TEXT = st.one_of(st.text(max_size=40), st.lists(st.sampled_from(VOCABULARY), max_size=12).map(" ".join))
+"""Letters of any script, and words of the grammar in any order."""
+
+
+def words_of(text):
+    return re.findall(r"[^\W_]+|[^\w\s]", text.lower())
+
+
+@given(st.one_of(ANY_TEXT, st.builds("put {} in {}".format, ANY_TEXT, ANY_TEXT)))
+def test_any_text_is_refused_or_read_in_its_own_words(sentence):
+    try:
+        queries = parse(sentence)
+    except ValueError as error:
+        assert language.EXAMPLE in str(error)
+        return
+    left = iter(words_of(sentence))
+    for word in words_of(queries.pick) + words_of(queries.place):
+        assert word in left, f"{word!r} of {queries} is not said, or not in this order"
+    assert parse(f"put the {queries.pick} in the {queries.place}") == queries
+
+
+@given(st.lists(st.sampled_from(COLORS), min_size=2, max_size=4, unique=True), st.sampled_from(("blocks", "mugs")))
+def test_a_shared_noun_is_given_to_every_member(colors, noun):
+    phrase = f"{', '.join(colors[:-1])} and {colors[-1]} {noun}"
+    assert conjuncts(phrase) == tuple(f"{color} {noun}" for color in colors)
+    assert parse(f"put the {phrase} in the bowl") == Queries(phrase, "bowl")
