@@ -228,9 +228,7 @@ def train(
     identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch, "rate": rate}
     state_file, start = run / "state.pt", 0
     if state_file.exists():
-        state = torch.load(state_file)
-        if state["identity"] != identity:
-            raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
+        state = _read_state(state_file, identity)
         model.load_state_dict(state["model"])
         optimizer.load_state_dict(state["optimizer"])
         schedule.load_state_dict(state["schedule"])
@@ -254,6 +252,13 @@ def train(
         torch.save(state, state_file.with_suffix(".tmp"))
         os.replace(state_file.with_suffix(".tmp"), state_file)
     return model.eval(), tokenizer
+
+
+def _read_state(state_file: Path, identity: dict) -> dict:
+    state = torch.load(state_file)
+    if state["identity"] != identity:
+        raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
+    return state
 
 
 def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:
