@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import gem_lite
@@ -21,3 +22,9 @@ def test_import_contracts_hold():
 def test_the_library_has_few_doors():
     entries = [path for path in (ROOT / "gem_lite").iterdir() if path.name != "__pycache__"]
     assert len(entries) <= 22, sorted(path.name for path in entries)
+
+
+def test_mypy_looks_at_all_that_is_below_the_simulator():
+    tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    (below,) = (c["source_modules"] for c in tools["importlinter"]["contracts"] if c["type"] == "forbidden")
+    assert sorted(tools["mypy"]["packages"]) == sorted(below)
