@@ -36,12 +36,18 @@ class BlockInsertion(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        named = [str(name) for name in rng.choice(colors.SEEN, 2, replace=False)]
-        pose = free.take(trays.FIXTURE_RADIUS)
-        fixture = environment.add(trays.add_l_fixture(environment.client, colors.rgba(named[1]), pose))
-        pose = free.take(BLOCK_RADIUS)
-        block = environment.add(shapes.add_l_block(environment.client, colors.rgba(named[0]), pose))
+        block, fixture = (str(name) for name in rng.choice(colors.SEEN, 2, replace=False))
+        place = free.take(trays.FIXTURE_RADIUS)
+        return self.arrange(environment, (block, fixture), free.take(BLOCK_RADIUS), place)
+
+    def arrange(
+        self, environment: Environment, named: tuple[str, str], block_pose: Pose2, fixture_pose: Pose2
+    ) -> list[Goal]:
+        """Put an L and its fixture, of two named colours, where they are to be; returns the goal."""
+        self.named_colors = named
+        rgba = [colors.rgba(name) for name in named]
+        fixture = environment.add(trays.add_l_fixture(environment.client, rgba[1], fixture_pose))
+        block = environment.add(shapes.add_l_block(environment.client, rgba[0], block_pose))
         self.names = {block.id: f"{named[0]} L-block", fixture.id: f"{named[1]} box"}
-        self.named_colors = tuple(named)
         sentence = f"put the {named[0]} L-block in the {named[1]} box"
         return [Goal(sentence, (block,), (fixture,), seated(block), grasp=GRASP, grasp_symmetry=FULL_TURN)]

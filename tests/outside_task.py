@@ -1,0 +1,37 @@
+"""A task, an end effector and a world that come from outside the library; evaluation's processes import this module."""
+
+import math
+
+import numpy as np
+
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import shapes, worlds
+from gem_lite.simulation.goals import Goal, ZoneMetric
+from gem_lite.tasks import Task, register
+
+RED = (1.0, 0.34, 0.35, 1.0)
+CUBES = 6
+NIGHT = worlds.register(worlds.WorldStyle("night", floor=(0.05, 0.05, 0.1, 1.0)))
+
+
+@register("sweeping", {"near": {}, "far": {"reach": 0.3}})
+class Sweeping(Task):
+    """Small cubes in a heap, to be pushed into a zone with the spatula."""
+
+    effector = "spatula"
+    max_steps = 12
+
+    def __init__(self, split="train", reach=0.15):
+        super().__init__(split)
+        self.reach = reach
+
+    def lay_out(self, environment, rng, seed):
+        side = 0.015
+        cubes = []
+        for row, col in np.ndindex(2, CUBES // 2):
+            pose = Pose2(0.45 + 1.5 * side * row, 0.1 + 1.5 * side * col, rng.uniform(0, math.pi / 2))
+            cubes.append(environment.add(shapes.add_box(environment.client, (side,) * 3, RED, pose)))
+            self.names[cubes[-1].id] = "red cube"
+        zone = Pose2(0.5, 0.1 - self.reach)
+        inside = ZoneMetric((0.12, 0.12), height=0.05)
+        return [Goal("push the pile of red blocks into the green square", tuple(cubes), (zone,), inside)]

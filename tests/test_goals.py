@@ -1,0 +1,225 @@
+"""Goals: when a body is where it belongs, and the task that follows from goals alone."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pybullet as p
+import pytest
+
+from gem_lite import colors, tasks
+from gem_lite.actions import PickPlace, Push
+from gem_lite.evaluation import evaluate
+from gem_lite.registry import Registry
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import goals, shapes
+from gem_lite.simulation.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
+from gem_lite.simulation.world import World
+from gem_lite.tasks import Task
+from gem_lite.tasks import registry as task_registry
+
+SPOTS = (Pose2(0.4, 0.2, 0.3), Pose2(0.4, -0.2, 0.3))
+PLACES = (Pose2(0.6, 0.1, 1.0), Pose2(0.6, -0.1, 1.0))
+
+
+def block(pose):
+    return partial(shapes.add_block, color=colors.rgba("red"), pose=pose)
+
+
+def move(world, body, pose, z=0.02):
+    turn = p.getQuaternionFromEuler((0, 0, pose.yaw))
+    p.resetBasePositionAndOrientation(body.id, (pose.x, pose.y, z), turn, physicsClientId=world.client)
+
+
+@pytest.fixture
+def blind(world, monkeypatch):
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
+    return world
+
+
+# Metrics
+
+
+@pytest.mark.parametrize(
+    ("offset", "degrees", "metric", "reached"),
+    [
+        (0.009, 0, PoseMetric(0.01), True),
+        (0.011, 0, PoseMetric(0.01), False),
+        (0.0, 77, PoseMetric(0.01), True),  # its yaw is not scored
+        (0.0, 77, PoseMetric(0.01, math.pi / 2), True),
+        (0.0, 70, PoseMetric(0.01, math.pi / 2), False),
+        (0.0, 90, PoseMetric(0.01, FULL_TURN), False),
+        (0.0, 0, PoseMetric(0.01, height=0.02), True),
+        (0.0, 0, PoseMetric(0.01, height=0.06), False),
+        (0.05, 45, ZoneMetric((0.12, 0.12), 0.05), True),
+        (0.07, 0, ZoneMetric((0.12, 0.12), 0.05), False),
+        (0.0, 0, ZoneMetric((0.12, 0.12), 0.01), False),
+    ],
+)
+def test_a_metric_scores_position_yaw_and_height(blind, stage, offset, degrees, metric, reached):
+    (body,), _ = stage(block(SPOTS[0]))
+    move(blind, body, PLACES[0] @ Pose2(offset, 0, math.radians(degrees)))
+    assert metric.reached(blind, body, PLACES[0]) == reached
+
+
+def test_a_target_is_a_pose_or_a_body(blind, stage):
+    (body, bowl), _ = stage(
+        block(SPOTS[0]), partial(shapes.add_bowl, color=colors.rgba("green"), pose=PLACES[0], movable=False)
+    )
+    assert goals.target_pose(blind, PLACES[1]) == PLACES[1]
+    assert goals.target_pose(blind, bowl) == blind.pose(bowl)[0]
+    assert not PoseMetric(0.05).reached(blind, body, bowl)
+
+
+# One goal
+
+
+def test_the_farthest_body_goes_to_its_nearest_free_target(blind, stage):
+    bodies, _ = stage(block(SPOTS[0]), block(Pose2(0.3, -0.4)))
+    goal = Goal("put them there", tuple(bodies), PLACES, PoseMetric(0.03))
+    assert goal.done(blind) == 0.0 and goal.placed(blind) == set()
+    assert goal.next_move(blind) == (bodies[1], PLACES[1])
+    move(blind, bodies[1], PLACES[0])
+    assert goal.done(blind) == 0.5 and goal.placed(blind) == {bodies[1].id}
+    assert goal.next_move(blind) == (bodies[0], PLACES[1])  # the nearer one is taken
+    move(blind, bodies[0], PLACES[0])  # two at one target count both
+    assert goal.done(blind) == 1.0
+    with pytest.raises(ValueError, match="is reached: no body is left"):
+        goal.next_move(blind)
+
+
+def test_where_no_target_is_free_all_serve(blind, stage):
+    bodies, _ = stage(block(SPOTS[0]), block(SPOTS[1]))
+    move(blind, bodies[0], PLACES[0])
+    goal = Goal("put them there", tuple(bodies), PLACES[:1], PoseMetric(0.03))
+    assert goal.next_move(blind) == (bodies[1], PLACES[0])
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "turn"),
+    [(0.0, 0.0), (math.pi / 2, 0.7), (math.pi, 0.7 + math.pi / 2), (FULL_TURN, 0.7 + 1.5 * math.pi)],
+)
+def test_a_body_is_turned_as_little_as_its_symmetry_allows(blind, stage, symmetry, turn):
+    (body,), _ = stage(block(SPOTS[0]))
+    belongs = Pose2(0.6, 0.1, SPOTS[0].yaw + turn + 3 * (symmetry % FULL_TURN))
+    goal = Goal("put it there", (body,), (belongs,), PoseMetric(0.01, symmetry), grasp=Pose2(0.01, 0.0))
+    action = goals.pick_and_place(blind, goal).action
+    assert math.remainder(action.delta - turn, FULL_TURN) == pytest.approx(0, abs=1e-6)
+    moved = blind.pose(body)[0] @ goal.grasp
+    assert (action.pick.x, action.pick.y) == pytest.approx((moved.x, moved.y))
+    # Where no yaw is wrong, the grasped point itself goes to the target's middle.
+    at = belongs if symmetry == 0 else Pose2(belongs.x, belongs.y, SPOTS[0].yaw + turn) @ goal.grasp
+    assert (action.place.x, action.place.y) == pytest.approx((at.x, at.y), abs=1e-6)
+
+
+# Tasks of goals
+
+
+class Parking(Task):
+    """Two blocks to two places, one sentence after the other; the second is worth three times as much."""
+
+    max_steps = 4
+
+    def lay_out(self, environment, rng, seed):
+        self.blocks = [environment.add(block(pose)(environment.client)) for pose in SPOTS]
+        return [
+            Goal(f"park block {i}", (body,), (place,), PoseMetric(0.02), share, grasp_symmetry=math.pi / 2)
+            for i, (body, place, share) in enumerate(zip(self.blocks, PLACES, (1.0, 3.0), strict=True))
+        ]
+
+
+def test_sentence_score_expert_and_placed_follow_from_goals(blind):
+    task = Parking()
+    assert task.instruction == ""
+    blind.reset(task, 0)
+    first, second = task.blocks
+    assert (task.instruction, task.score(blind), task.placed(blind)) == ("park block 0", 0.0, set())
+    step = blind.step(task.expert(blind).action)
+    assert (step.reward, step.done, task.instruction) == (0.25, False, "park block 1")
+    assert task.placed(blind) == {first.id}
+    # A goal that is reached counts for good, wherever its body goes.
+    move(blind, first, Pose2(0.3, 0.4))
+    assert task.score(blind) == 0.25
+    missed = blind.step(PickPlace(SPOTS[1], Pose2(0.3, -0.4)))
+    assert (missed.reward, task.instruction) == (0.0, "park block 1")
+    last = blind.step(task.expert(blind).action)
+    assert (last.reward, last.done, task.instruction) == (0.75, True, "park block 1")
+    assert task.expert(blind) is None and task.placed(blind) == {first.id, second.id}
+
+
+def test_a_task_laid_out_again_begins_anew(blind):
+    task = Parking()
+    blind.reset(task, 0)
+    blind.step(task.expert(blind).action)
+    blind.reset(task, 0)
+    assert (task.instruction, task.score(blind)) == ("park block 0", 0.0)
+
+
+def test_a_body_that_a_later_goal_moves_again_is_not_placed(blind):
+    class Back(Parking):
+        def lay_out(self, environment, rng, seed):
+            there, _ = super().lay_out(environment, rng, seed)
+            return [there, Goal("and back", there.bodies, (SPOTS[0],), PoseMetric(0.02))]
+
+    task = Back()
+    blind.reset(task, 0)
+    blind.step(task.expert(blind).action)
+    assert task.instruction == "and back" and task.placed(blind) == set()
+
+
+# Registration
+
+
+def test_variants_have_names_arguments_and_one_family(monkeypatch):
+    monkeypatch.setattr(task_registry, "TASKS", Registry("task"))
+
+    @tasks.register("parking", {"easy": {}, "hard": {"unseen": True}})
+    class Registered(Parking):
+        pass
+
+    assert tasks.names() == tasks.variants("parking") == ("parking-easy", "parking-hard")
+    assert tasks.family("parking-hard") == "parking"
+    made = tasks.make("parking-hard", "test")
+    assert isinstance(made, Registered) and made.unseen
+    assert not tasks.make("parking-hard", "train").unseen and not tasks.make("parking-easy", "test").unseen
+    with pytest.raises(ValueError, match="no task is named 'parking'; the nearest names: parking-"):
+        tasks.make("parking")
+
+
+def test_episodes_of_two_new_colours_are_a_subset(world):
+    task = tasks.make("put-block-in-bowl-unseen-colors", "test")
+    for named, subsets in ((("pink", "white"), 1), (("pink", "red"), 0), (("red", "blue"), 0)):
+        task.named_colors = named
+        assert len(task.subsets()) == subsets
+    assert tasks.make("object-sorting-seen").subsets() == ()
+
+
+# From outside the library
+
+
+def test_an_outside_task_is_swept_by_its_expert(blind):
+    import outside_task
+
+    task = tasks.make("sweeping-near")
+    assert isinstance(task, outside_task.Sweeping)
+    blind.reset(task, 3)
+    action = task.expert(blind).action
+    assert isinstance(action, Push)
+    rewards = []
+    for _ in range(task.max_steps):
+        step = blind.step(task.expert(blind).action)
+        rewards.append(step.reward)
+        if step.done:
+            break
+    assert not step.grasped and step.trace
+    assert sum(rewards) == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="action must be a Push for the tool Spatula, got a PickPlace"):
+        blind.step(PickPlace(*SPOTS))
+
+
+def test_outside_tasks_and_worlds_are_known_in_new_processes():
+    import outside_task  # noqa: F401
+
+    episodes = evaluate.evaluate("expert", "sweeping-far", 1, "val", world="night", processes=1)
+    assert [episode.index for episode in episodes] == [0]
+    assert np.isfinite(episodes[0].reward)
