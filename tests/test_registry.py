@@ -8,7 +8,7 @@ import pytest
 from gem_lite import registry
 from gem_lite.registry import Registry
 
-TOOL = '''
+TOOL = """
 from gem_lite.registry import Registry
 
 TOOLS = Registry("tool")
@@ -17,7 +17,7 @@ TOOLS = Registry("tool")
 @TOOLS.register("hook")
 class Hook:
     pass
-'''
+"""
 
 
 @pytest.fixture
