@@ -15,16 +15,15 @@ import torch
 
 from gem_lite import clip
 from gem_lite.cli import main
-from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import checkpoints, transporter
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
 
 SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
-    steps=4, batch=1,
-)  # fmt: skip
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
+)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,7 @@ def prepared(model, demo_set):
 
 
 def weights(policy: Policy) -> torch.Tensor:
-    return torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()])
+    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
 def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
@@ -122,6 +121,7 @@ import os, pickle, signal, sys, types
 from pathlib import Path
 from gem_lite.learning import train
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.transporter import TransporterConfig
 
 run = Path(sys.argv[1])
 moment = sys.argv[2]
@@ -184,11 +184,12 @@ from pathlib import Path
 from accelerate import PartialState
 from gem_lite.learning import train
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.transporter import TransporterConfig
 run = Path(sys.argv[1])
 settings, dim, steps = pickle.loads((run / "given").read_bytes())
 policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
 train.train(policy, steps, seed=3, run=run)
-weights = {name: module.state_dict() for name, module in policy.modules.items()}
+weights = {name: module.state_dict() for name, module in policy.roles.items()}
 (run / f"weights-{PartialState().process_index}").write_bytes(pickle.dumps(weights))
 """
 
@@ -205,7 +206,7 @@ def test_several_processes_average_their_gradients(prepared, model, tmp_path):
     assert torch.load(tmp_path / "state.pt")["identity"]["processes"] == 2
     alone = Policy(settings, types.SimpleNamespace(dim=model.dim), seed=3)
     train.train(alone, steps, seed=3, run=tmp_path / "alone")
-    for role, module in alone.modules.items():
+    for role, module in alone.roles.items():
         assert all(torch.equal(one[role][name], two[role][name]) for name in one[role])
         assert not all(torch.allclose(one[role][name], value) for name, value in module.state_dict().items())
 
