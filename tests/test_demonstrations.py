@@ -440,7 +440,7 @@ def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
 
 
 def test_verify_exits_with_2_and_one_line(tmp_path):
-    command = [sys.executable, "-m", "gem_lite", "verify", str(tmp_path)]
+    command = [sys.executable, "-m", "gem_lite.cli", "verify", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 2
     assert done.stdout == ""

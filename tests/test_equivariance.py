@@ -9,9 +9,9 @@ import torch.nn.functional as F
 from torch import nn
 
 from gem_lite import equivariance as eq
-from gem_lite.correlation import sample
 from gem_lite.policies.networks import CropKernel
 from gem_lite.steerable import SteerableKernel, band_limited, orbit, turn
+from gem_lite.steerable.correlation import sample
 
 N = 12
 QUARTERS = [0, 3, 6, 9]

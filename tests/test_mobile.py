@@ -9,7 +9,6 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace
-from gem_lite.correlation import correlate
 from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
@@ -23,6 +22,7 @@ from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World
 from gem_lite.steerable import SteerableKernel
+from gem_lite.steerable.correlation import correlate
 from gem_lite.tasks import Task
 
 MOBILE = LITE.on_table(1.06)

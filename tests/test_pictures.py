@@ -11,11 +11,12 @@ import pytest
 import shapely
 import torch
 
-from gem_lite import colors, correlation, steerable
+from gem_lite import colors, steerable
 from gem_lite.actions import PickPlace
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation import shapes
+from gem_lite.steerable import correlation
 
 HIGH = 0.01
 """What is higher than this (m) is no table."""

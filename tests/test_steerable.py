@@ -6,9 +6,9 @@ import torch
 import torch.nn.functional as F
 from scipy.special import jn_zeros, jv
 
-from gem_lite import correlation, steerable
-from gem_lite.correlation import best_angle, correlate, peak, sample
-from gem_lite.steerable import SteerableKernel, band_limited, disc, fourier, harmonics, orbit, turn
+from gem_lite import steerable
+from gem_lite.steerable import SteerableKernel, band_limited, correlation, disc, fourier, harmonics, orbit, turn
+from gem_lite.steerable.correlation import best_angle, correlate, peak, sample
 
 H = 9
 

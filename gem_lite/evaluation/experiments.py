@@ -25,7 +25,7 @@ from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import ABLATIONS, LITE
 
 FOLDER = Path("runs/experiments")
-GEM_LITE = (sys.executable, "-m", "gem_lite")
+GEM_LITE = (sys.executable, "-m", "gem_lite.cli")
 """The command `gem-lite` of this environment."""
 BOWL, PYRAMID, PACKING = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"
 INSERTION, BARS = "block-insertion", "bars-in-box"

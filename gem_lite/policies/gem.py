@@ -12,7 +12,6 @@ from torch import nn
 from typing_extensions import override
 
 from gem_lite import language
-from gem_lite.correlation import correlate, sample
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries, Query
 from gem_lite.maps import semantic_map, sources
@@ -26,6 +25,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.steerable import SteerableKernel
+from gem_lite.steerable.correlation import correlate, sample
 
 
 class ActionModule(nn.Module):

@@ -22,7 +22,6 @@ from torch import nn
 from typing_extensions import override
 
 from gem_lite.config import Config
-from gem_lite.correlation import correlate
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
@@ -30,6 +29,7 @@ from gem_lite.policies.samples import RGBD, Inputs, crop_at, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins, rotate_image
+from gem_lite.steerable.correlation import correlate
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ import torch.nn.functional as F
 from timing import seconds
 
 from gem_lite import equivariance
-from gem_lite.correlation import peak, sample
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import SteerableKernel, band_limited, disc, turn
+from gem_lite.steerable.correlation import peak, sample
 
 warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
 

@@ -11,9 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gem_lite import language
-from gem_lite.language import Phrases as Queries
-from gem_lite.language import conjuncts, parse
-from gem_lite.maps.semantic_map import PatchGrid, patchify, unpatchify
+from gem_lite.language import Queries, conjuncts, parse
+from gem_lite.maps.patches import PatchGrid, patchify, unpatchify
 from gem_lite.policies.several_tables import split, stitch
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_off, rotate_image, rotation_matrix, wrap
 

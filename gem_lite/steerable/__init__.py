@@ -31,8 +31,8 @@ import numpy as np
 import torch
 from scipy.special import jn_zeros, jv
 
-from gem_lite.correlation import correlate_coefficients
 from gem_lite.se2 import angle_bins
+from gem_lite.steerable.correlation import correlate_coefficients
 
 
 def disc(size: int) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""``python -m gem_lite``: the same as the command ``gem-lite``."""
+"""``python -m gem_lite.cli``: the same as the command ``gem-lite``."""
 
 import sys
 
