@@ -38,6 +38,7 @@ class Config:
         table: length of the table (m); it is half as wide.
         pixel: size of a height map's cell (m).
         angles: how many angles are sampled at the output.
+        parser: the name of what reads instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
         empty_radius: a pick keeps so far (m) away from where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
@@ -61,6 +62,7 @@ class Config:
     table: float = 1.0
     pixel: float = 0.00625
     angles: int = 36
+    parser: str = "grammar"
     parsing: bool = True
     empty_radius: float = 0.0125
     turn: bool = True
@@ -152,4 +154,7 @@ class Config:
         unknown = set(values) - set(cls.__dataclass_fields__)
         if unknown:
             raise ValueError(f"the configuration has unknown entries {sorted(unknown)}")
-        return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+        entries: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
+        }
+        return cls(**entries)

@@ -16,7 +16,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import cv2
 import numpy as np
@@ -45,10 +45,14 @@ class DemonstrationStep:
 
     observation: Observation
     instruction: str
-    phrases: language.Queries
     expert: ExpertAction
     trace: tuple[GripperState, ...]
     reward: float
+
+    @property
+    def phrases(self) -> language.Queries:
+        """The instruction as the library's grammar reads it. Raises ValueError if the grammar does not cover it."""
+        return language.parse(self.instruction)
 
 
 @dataclass(frozen=True)
@@ -92,15 +96,16 @@ class DemonstrationSet(Sequence[Demonstration]):
 
     def __getitem__(self, index: int | slice) -> Demonstration | DemonstrationSet:
         """An episode, or the set of several. Raises ValueError if a slice holds none."""
-        chosen = list(self.files.items())[index]
+        entries = list(self.files.items())
         if isinstance(index, slice):
+            chosen = entries[index]
             if not chosen:
                 raise ValueError(
                     f"the episodes [{index.start}:{index.stop}:{index.step}] of {self.folder} are none: "
                     f"it holds {len(self)}, and at least 1 is needed"
                 )
             return DemonstrationSet(self.folder, dict(chosen))
-        name, digest = chosen
+        name, digest = entries[index]
         path = self.folder / name
         content = _verified(path, digest)
         try:
@@ -144,7 +149,6 @@ def _encode(demonstration: Demonstration) -> bytes:
         arrays[f"trace-{i}"] = pack(step.trace)
         steps.append({
             "instruction": step.instruction,
-            "phrases": dataclasses.asdict(step.phrases),
             "expert": {
                 "action": _encode_action(step.expert.action),
                 "pick_symmetry": step.expert.pick_symmetry,
@@ -156,7 +160,7 @@ def _encode(demonstration: Demonstration) -> bytes:
     meta = {name: getattr(demonstration, name) for name in ("task", "split", "seed", "world")} | {"steps": steps}
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
+    np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 
@@ -172,9 +176,10 @@ def _decode(content: bytes) -> Demonstration:
 def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> DemonstrationStep:
     views = []
     for j, camera in enumerate(step["cameras"]):
-        rgb = cv2.imdecode(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
-        depth = cv2.imdecode(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
-        camera = Camera(**{name: _tuples(value) for name, value in camera.items()})
+        rgb = _image(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
+        depth = _image(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
+        numbers: dict[str, Any] = {name: _tuples(value) for name, value in camera.items()}
+        camera = Camera(**numbers)
         views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
     expert = step["expert"]
     trace = arrays[f"trace-{i}"]
@@ -183,13 +188,19 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
     return DemonstrationStep(
         Observation(tuple(views)),
         _text(step["instruction"]),
-        language.Queries(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
         ExpertAction(
             _decode_action(expert["action"]), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])
         ),
         unpack(trace),
         _number(step["reward"]),
     )
+
+
+def _image(png: np.ndarray, kind: int) -> np.ndarray:
+    image = cv2.imdecode(png, kind)
+    if image is None:
+        raise ValueError("a picture is no whole PNG")
+    return image
 
 
 def _encode_action(action: Action) -> dict:

@@ -28,6 +28,7 @@ from typing import NoReturn
 import numpy as np
 
 from gem_lite import colors
+from gem_lite.registry import Registry
 
 VERBS = (
     "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", "push", "lay", "lift",
@@ -132,8 +133,11 @@ class Queries:
 
 Parser = Callable[[str], Queries]
 """An instruction to queries. It raises ValueError for an instruction that it refuses."""
+PARSERS: Registry[Parser] = Registry("parser")
+"""Parsers by the names that configurations hold."""
 
 
+@PARSERS.register("grammar")
 def parse(instruction: str) -> Queries:
     """Split an instruction into what to pick and where to place it.
 

@@ -41,7 +41,7 @@ class Method:
 class Train(Method, Outside):
     """Train a method from demonstrations. A training that was stopped goes on.
 
-    With several processes, `accelerate launch --num_processes 4 -m gem_lite.cli train ...`, each draws a batch of its own.
+    With several processes, `accelerate launch --num_processes 4 -m gem_lite.cli train ...`, each draws its own batch.
     """
 
     examples: ClassVar[tuple[str, ...]] = (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from gem_lite import demonstrations, language, tasks
+from gem_lite import demonstrations, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
 from gem_lite.simulation import worlds
 from gem_lite.simulation.environment import Environment
@@ -32,7 +32,7 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
-                demonstrations.quantized(observation), instruction, language.parse(instruction), expert,
+                demonstrations.quantized(observation), instruction, expert,
                 demonstrations.unpack(demonstrations.pack(result.trace)), result.reward,
             )
         )  # fmt: skip

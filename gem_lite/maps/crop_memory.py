@@ -16,6 +16,7 @@ import safetensors.numpy
 import torch
 from safetensors import SafetensorError, safe_open
 
+from gem_lite import language
 from gem_lite.actions import GripperState
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration
@@ -192,38 +193,42 @@ def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeK
 
 
 def collect_crops(
-    demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float
-) -> list[CropEntry]:
+    demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float,
+    parser: language.Parser = language.parse,
+) -> list[CropEntry]:  # fmt: skip
     """What every event of the demonstrations acted on, as it looked before the action (Sec. 3.1).
 
     Args:
         heightmaps: one for each step's observation, in the order of episodes and steps.
         side: of a crop, in metres.
+        parser: gives each crop its phrase.
 
     Raises:
-        ValueError: another number of height maps, or a ``side`` that `cut` refuses.
+        ValueError: another number of height maps, an instruction that the parser refuses, or a ``side`` that `cut`
+            refuses.
     """
     steps = [(key, step) for key, demonstration in numbered(demonstrations) for step in demonstration.steps]
     if len(heightmaps) != len(steps):
         raise ValueError(f"heightmaps must be one for each of {len(steps)} steps, got {len(heightmaps)}")
     return [
-        CropEntry(getattr(step.phrases, kind), cut(heightmap, pose, side), *key)
+        CropEntry(str(getattr(parser(step.instruction), kind)), cut(heightmap, pose, side), *key)
         for (key, step), heightmap in zip(steps, heightmaps, strict=True)
         for kind, pose in events(step.trace)
     ]
 
 
 def demonstrated_crops(
-    demonstrations: Iterable[Demonstration], workspace: Workspace, side: float
-) -> Iterator[CropEntry]:
+    demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
+    parser: language.Parser = language.parse,
+) -> Iterator[CropEntry]:  # fmt: skip
     """`collect_crops` of demonstrations whose height maps are made here, one episode at a time.
 
     Raises:
-        ValueError: a ``side`` that `cut` refuses.
+        ValueError: an instruction that the parser refuses, or a ``side`` that `cut` refuses.
     """
     for (task, episode), demonstration in numbered(demonstrations):
         heightmaps = [fuse_views(step.observation.views, workspace) for step in demonstration.steps]
-        for crop in collect_crops([demonstration], heightmaps, side):
+        for crop in collect_crops([demonstration], heightmaps, side, parser):
             # A copy: what `cut` returns would keep the whole height map.
             yield replace(crop, image=crop.image.copy(), task=task, episode=episode)
 

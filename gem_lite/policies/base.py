@@ -95,6 +95,7 @@ class PickPlacePolicy(nn.Module, ABC):
 
     Args:
         seed: of the weights.
+        parser: what reads instructions, in place of the parser that the configuration names.
 
     Raises:
         ValueError: a configuration of another method.
@@ -107,7 +108,7 @@ class PickPlacePolicy(nn.Module, ABC):
 
     def __init__(
         self, config: configuration.Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0,
-        parser: language.Parser = language.parse,
+        parser: language.Parser | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         if not isinstance(config, self.Config):
@@ -115,7 +116,7 @@ class PickPlacePolicy(nn.Module, ABC):
         self.config = config
         self.clip = clip
         self.memory = memory
-        self.parser = parser
+        self.parser = parser or language.PARSERS.find(config.parser)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.pick, self.place = self.build()

@@ -28,7 +28,7 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
             demonstrations, data hash, seconds.
     """
     tensors = {name: value.detach().cpu().contiguous() for name, value in policy.named_parameters()}
-    entries = []
+    entries: list[dict] = []
     if policy.memory is not None:
         images, entries = policy.memory.pack()
         tensors["memory.images"] = torch.from_numpy(images)
@@ -61,13 +61,13 @@ def read_card(path: Path) -> dict:
 
 
 def load_policy(
-    path: Path, model: Clip, settings: Config | None = None, parser: language.Parser = language.parse
+    path: Path, model: Clip, settings: Config | None = None, parser: language.Parser | None = None
 ) -> PickPlacePolicy:
     """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
 
     Args:
         settings: if given, the configuration that the checkpoint must have.
-        parser: what the policy reads instructions with.
+        parser: what reads instructions, in place of the parser that the configuration names.
 
     Raises:
         FileNotFoundError: no such checkpoint.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 import torch
@@ -61,12 +61,14 @@ class TwoStream(nn.Module):
         self.lateral = nn.ModuleList(nn.Conv2d(2 * width, width, 1) for width in widths)
         self.out = nn.Conv2d(widths[-1], outputs, 1)
         for gate in self.gates:
-            nn.init.ones_(gate.bias)  # a product of small numbers four times over would leave nothing
+            nn.init.ones_(
+                cast(torch.Tensor, gate.bias)
+            )  # a product of small numbers four times over would leave nothing
 
     def forward(self, image: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``image`` (B, 4 + inputs, H, W) of RGB-D and semantic features, ``words`` (B, D) to (B, outputs, H, W)."""
         levels = self.spatial.decode(image[:, :RGBD])
-        x = F.adaptive_avg_pool2d(image[:, RGBD:], levels[0].shape[-2:])  # about as coarse as CLIP's cells
+        x = F.adaptive_avg_pool2d(image[:, RGBD:], tuple(levels[0].shape[-2:]))  # about as coarse as CLIP's cells
         for spatial, block, gate, lateral in zip(levels, self.semantic, self.gates, self.lateral, strict=True):
             x = F.interpolate(x, spatial.shape[-2:], mode="bilinear", align_corners=False)
             x = block(x) * gate(words)[:, :, None, None]
@@ -152,9 +154,13 @@ class ClipPort(PickPlacePolicy):
         words = self.clip.dim
         inputs = self.Semantics.outputs(c)
         pick = TwoStream(inputs, c.angles, words, c)
-        place = KeyQuery(*(TwoStream(inputs, c.channels, words, c) for _ in range(2)), c)
-        pick, place = (WithSemantics(self.Semantics(self.clip.width, words, c), part) for part in (pick, place))
-        return pick, place
+        key = TwoStream(inputs, c.channels, words, c)
+        query = TwoStream(inputs, c.channels, words, c)
+        place = KeyQuery(key, query, c)
+        return (
+            WithSemantics(self.Semantics(self.clip.width, words, c), pick),
+            WithSemantics(self.Semantics(self.clip.width, words, c), place),
+        )
 
     @property
     def recolors(self) -> bool:

@@ -37,6 +37,7 @@ class ActionModule(nn.Module):
         attention = language_dim if config.language_in_attention else None
         self.encoder = UNet(RGBD, config.channels, attention, config.widths)
         self.refiner = SemanticRefiner(config.channels)
+        self.angles: torch.Tensor
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
     @property
@@ -218,7 +219,7 @@ class Policy(PickPlacePolicy):
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Fill ``memory`` with the demonstrations' crops, if the maps need them."""
         if self.retrieves:
-            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch)
+            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch, self.parser)
             self.memory = CropMemory(crops, self.clip)
 
     @override

@@ -28,9 +28,13 @@ for _method in (Policy, TransporterLan, ClipPort, GroundedClipPort):
     register(_method)
 
 
+def _first_line(method: type[PickPlacePolicy]) -> str:
+    return (inspect.getdoc(method) or "").partition("\n")[0]
+
+
 def meanings() -> dict[str, str]:
     """What every method is, and every method with one ending, by its name; a name may have several endings."""
-    plain = {name: inspect.getdoc(METHODS.find(name)).splitlines()[0] for name in METHODS.names()}
+    plain = {name: _first_line(METHODS.find(name)) for name in METHODS.names()}
     ablated = {
         f"{name}-{ending}": ablation.meaning
         for name in METHODS.names()

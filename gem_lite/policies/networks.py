@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import cast
 
 import torch
 import torch.nn.functional as F
@@ -57,10 +58,11 @@ class UNet(nn.Module):
         self.bottleneck = nn.Conv2d(joined, widths[-1], 1)
         ups = decoder_widths(widths)
         below = [widths[-1], *ups[:-1]]
-        told = [widths[-1]] * (joins - 1) + [0] * (len(ups) - joins + 1)
-        self.language_above = nn.ModuleList(nn.Linear(language_dim, width) for width in told if width)
+        above = [] if language_dim is None else [nn.Linear(language_dim, widths[-1]) for _ in range(joins - 1)]
+        self.language_above = nn.ModuleList(above)
+        words = [widths[-1]] * len(above) + [0] * (len(ups) - len(above))
         self.up = nn.ModuleList(
-            ResidualBlock(b + skip + t, o) for b, skip, t, o in zip(below, reversed(widths), told, ups, strict=True)
+            ResidualBlock(b + skip + w, o) for b, skip, w, o in zip(below, reversed(widths), words, ups, strict=True)
         )
         self.out = nn.Conv2d(widths[0], outputs, 1)
 
@@ -110,7 +112,7 @@ class SemanticRefiner(nn.Module):
         # Start out as the raw map itself: learning begins from what CLIP says.
         nn.init.normal_(self.linear.weight, std=0.02)
         nn.init.ones_(self.linear.weight[:, :1])
-        nn.init.zeros_(self.linear.bias)
+        nn.init.zeros_(cast(torch.Tensor, self.linear.bias))
 
     def forward(self, raw: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
         """``raw`` and ``height`` (B, 1, H, W) to M (B, channels, H, W)."""
@@ -128,6 +130,7 @@ class LanguageKernel(nn.Module):
         super().__init__()
         self.size = size
         axis = torch.linspace(-1, 1, size)
+        self.coordinates: torch.Tensor
         self.register_buffer("coordinates", torch.stack(torch.meshgrid(axis, axis, indexing="ij"))[None])
         self.language = nn.Linear(language_dim, widths[0])
         self.first = ResidualBlock(widths[0] + 2, widths[0])

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from gem_lite.actions import PickPlace
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationStep
 from gem_lite.rgbd.heightmap import HeightMap
@@ -127,8 +128,15 @@ def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> In
 
 
 def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
-    """A step's inputs with what the expert did."""
-    action, workspace = step.expert.action, config.workspace
+    """A step's inputs with what the expert did.
+
+    Raises:
+        ValueError: the expert did something else than a pick and place.
+    """
+    action = step.expert.action
+    workspace = config.workspace
+    if not isinstance(action, PickPlace):
+        raise ValueError(f"step must show a PickPlace to train a pick-and-place policy, got a {type(action).__name__}")
     return Sample(
         **vars(inputs),
         pick=workspace.to_pixel(action.pick.x, action.pick.y),

@@ -96,7 +96,10 @@ class KeyQuery(nn.Module):
 
     def __init__(self, encoder: nn.Module, kernel: nn.Module, config: KeyQueryConfig) -> None:
         super().__init__()
-        self.encoder, self.kernel, self.size = encoder, kernel, config.query
+        self.encoder = encoder
+        self.kernel = kernel
+        self.size = config.query
+        self.angles: torch.Tensor
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
     def forward(self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor) -> torch.Tensor:
