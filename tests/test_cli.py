@@ -209,8 +209,9 @@ def test_train_and_evaluate_and_show(at_home, tmp_path, capsys):
 
 
 def test_several_processes_train_by_the_same_command(tmp_path):
-    # What `accelerate launch -m gem_lite train` calls on several GPUs; on CPUs it wants MPI.
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "gem_lite.cli"]
+    # What `accelerate launch -m gem_lite.cli train` calls on several GPUs; on CPUs it wants MPI.
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    launch += ["-m", "gem_lite.cli"]
     words = ["train", DEMONSTRATIONS, "policy.safetensors", "--method", "transporter-lan", "--episodes", "1"]
     small = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
     done = subprocess.run([*launch, *words, *small], cwd=tmp_path, capture_output=True, text=True, timeout=1800)

@@ -27,7 +27,9 @@ def what_openmp_reads(command, **environment):
     return {name.split()[-1]: value.strip("'") for name, value in lines}
 
 
-@pytest.mark.parametrize("command", [("-c", LOAD), ("-m", "gem_lite.cli", "train", "--help")], ids=["import", "command"])
+@pytest.mark.parametrize(
+    "command", [("-c", LOAD), ("-m", "gem_lite.cli", "train", "--help")], ids=["import", "command"]
+)
 def test_threads_wait_asleep(command):
     read = what_openmp_reads(command)
     assert (read["OMP_WAIT_POLICY"], read["GOMP_SPINCOUNT"]) == ("PASSIVE", "0")

@@ -61,14 +61,14 @@ class TwoStream(nn.Module):
         self.lateral = nn.ModuleList(nn.Conv2d(2 * width, width, 1) for width in widths)
         self.out = nn.Conv2d(widths[-1], outputs, 1)
         for gate in self.gates:
-            nn.init.ones_(
-                cast(torch.Tensor, gate.bias)
-            )  # a product of small numbers four times over would leave nothing
+            # A product of small numbers four times over would leave nothing.
+            nn.init.ones_(cast(torch.Tensor, gate.bias))
 
     def forward(self, image: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``image`` (B, 4 + inputs, H, W) of RGB-D and semantic features, ``words`` (B, D) to (B, outputs, H, W)."""
         levels = self.spatial.decode(image[:, :RGBD])
-        x = F.adaptive_avg_pool2d(image[:, RGBD:], tuple(levels[0].shape[-2:]))  # about as coarse as CLIP's cells
+        height, width = levels[0].shape[-2:]
+        x = F.adaptive_avg_pool2d(image[:, RGBD:], (height, width))  # about as coarse as CLIP's cells
         for spatial, block, gate, lateral in zip(levels, self.semantic, self.gates, self.lateral, strict=True):
             x = F.interpolate(x, spatial.shape[-2:], mode="bilinear", align_corners=False)
             x = block(x) * gate(words)[:, :, None, None]
