@@ -23,7 +23,8 @@ from gem_lite import clip, colors, config, demonstrations, language, tasks
 from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.evaluation import results, statistics
-from gem_lite.evaluation.evaluate import CHUNK, Episode
+from gem_lite.evaluation.evaluate import Episode
+from gem_lite.evaluation.workers import CHUNK
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.maps.semantic_map import SceneEmbedding
