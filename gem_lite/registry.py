@@ -42,7 +42,8 @@ class Registry(Generic[T]):
         """
         if not name:
             raise ValueError(f"name must not be empty: a {self.kind} is asked for by its name")
-        module = module or getattr(thing, "__module__", type(thing).__module__)
+        if module is None:
+            module = str(getattr(thing, "__module__", type(thing).__module__))
         owner = self._modules.get(name, module)
         if owner != module:
             raise ValueError(f"name must be new: {owner} has registered the {self.kind} {name!r} already")

@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 from gem_lite import demonstrations, language, tasks
+from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.files import write_whole
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
 from gem_lite.registry import Registry
+from gem_lite.se2 import Pose2
 from gem_lite.simulation import worlds
-from gem_lite.simulation.worlds import WorldStyle
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -404,15 +405,15 @@ def test_a_saved_set_is_not_taken_for_the_beginning_of_a_collection(demo_set, tm
 
 
 def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
-    elsewhere = WorldStyle("elsewhere")
     monkeypatch.setattr(worlds, "WORLDS", Registry("world"))
-    worlds.register(elsewhere)
+    worlds.register(worlds.HOME)
+    worlds.register(worlds.WorldStyle("elsewhere"))
     collect(TASK, 1, tmp_path, world="elsewhere")
     assert read_manifest(tmp_path)["world"] == load(tmp_path)[0].world == "elsewhere"
     assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"
     with pytest.raises(ValueError, match="holds another set"):
         collect(TASK, 2, tmp_path)
-    with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: elsewhere"):
+    with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
         collect(TASK, 1, tmp_path / "new", world="mars")
 
 
@@ -467,3 +468,41 @@ def test_collect_by_command_says_how_to_go_on(tmp_path, monkeypatch, capsys):
 def test_collect_by_command_says_what_is_wrong(tmp_path, capsys):
     assert main(["collect", "no-such-task", str(tmp_path / "new")]) == 2
     assert "no task is named 'no-such-task'" in capsys.readouterr().err
+
+
+# Actions
+
+
+@pytest.mark.parametrize(
+    "action",
+    [PickPlace(Pose2(0.4, 0.1, 0.2), Pose2(0.6, -0.1, 1.2), 1, 0), Push(Pose2(0.4, 0.1), Pose2(0.5, 0.0), table=2)],
+)
+def test_both_kinds_of_action_are_kept(demo_set, tmp_path, action):
+    episode = demo_set[1][0]
+    step = dataclasses.replace(episode.steps[0], expert=ExpertAction(action, 0.5, 0.25))
+    save([dataclasses.replace(episode, steps=(step,))], tmp_path)
+    assert load(tmp_path)[0].steps[0].expert == ExpertAction(action, 0.5, 0.25)
+
+
+def entry(**changes):
+    """A pick and place as older files hold it."""
+    pose = {"x": 0.4, "y": 0.1, "yaw": 0.2}
+    return {"pick": pose, "place": pose} | changes
+
+
+def test_an_action_without_a_kind_is_a_pick_and_place_on_the_only_table():
+    pose = Pose2(0.4, 0.1, 0.2)
+    assert demonstrations._decode_action(entry()) == PickPlace(pose, pose, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (entry(kind="throw"), "kind must be one of pick-place, push, got 'throw'"),
+        (entry(kind="pick-place", pick_table=-1), "a whole number from 0 on is needed, got -1"),
+        (entry(pick={"x": "0.4", "y": 0.1}), "a finite number is needed, got '0.4'"),
+    ],
+)
+def test_a_wrong_action_is_named(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        demonstrations._decode_action(wrong)

@@ -4,7 +4,7 @@ import pytest
 from gem_lite import clip, colors, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.cli import main
-from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation import evaluate, results, workers
 from gem_lite.evaluation.evaluate import Episode
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE
@@ -196,3 +196,15 @@ def test_a_checkpoint_for_another_table_is_refused():
     checkpoint = clip.DATA / "gem-object-sorting.safetensors"
     with pytest.raises(ValueError, match=r"a table 1.06 m long; the task's is 1.0 m"):
         evaluate.evaluate("gem", TASK, 1, checkpoint=checkpoint, clip_name=str(clip.DATA / "clip-sorting"))
+
+
+def test_a_subset_of_episodes_has_a_row_of_its_own():
+    episodes = [Episode(0, 1.0, 1, ("hard",)), Episode(1, 0.0, 1, ()), Episode(2, 0.5, 1, ("hard", "odd"))]
+    rows = {row["subset"]: row["rewards"] for row in evaluate.rows_of("expert", TASK, episodes, {})}
+    assert rows == {"all": {"0": 1.0, "1": 0.0, "2": 0.5}, "hard": {"0": 1.0, "2": 0.5}, "odd": {"2": 0.5}}
+
+
+def test_episodes_come_in_chunks():
+    assert [list(part) for part in workers.chunks(3, 7)] == [[3, 4, 5, 6, 7], [8, 9]]
+    with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
+        workers.chunks(0, 0)

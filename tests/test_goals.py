@@ -97,19 +97,19 @@ def test_where_no_target_is_free_all_serve(blind, stage):
 
 @pytest.mark.parametrize(
     ("symmetry", "turn"),
-    [(0.0, 0.0), (math.pi / 2, 0.7), (math.pi, 0.7 + math.pi / 2), (FULL_TURN, 0.7 + 1.5 * math.pi)],
+    [(0.0, 0.0), (math.pi / 2, 0.7), (math.pi, -1.5), (FULL_TURN, 3.0)],
 )
 def test_a_body_is_turned_as_little_as_its_symmetry_allows(blind, stage, symmetry, turn):
     (body,), _ = stage(block(SPOTS[0]))
     belongs = Pose2(0.6, 0.1, SPOTS[0].yaw + turn + 3 * (symmetry % FULL_TURN))
     goal = Goal("put it there", (body,), (belongs,), PoseMetric(0.01, symmetry), grasp=Pose2(0.01, 0.0))
     action = goals.pick_and_place(blind, goal).action
-    assert math.remainder(action.delta - turn, FULL_TURN) == pytest.approx(0, abs=1e-6)
+    assert math.remainder(action.delta - turn, FULL_TURN) == pytest.approx(0, abs=1e-4)
     moved = blind.pose(body)[0] @ goal.grasp
     assert (action.pick.x, action.pick.y) == pytest.approx((moved.x, moved.y))
     # Where no yaw is wrong, the grasped point itself goes to the target's middle.
     at = belongs if symmetry == 0 else Pose2(belongs.x, belongs.y, SPOTS[0].yaw + turn) @ goal.grasp
-    assert (action.place.x, action.place.y) == pytest.approx((at.x, at.y), abs=1e-6)
+    assert (action.place.x, action.place.y) == pytest.approx((at.x, at.y), abs=1e-5)
 
 
 # Tasks of goals

@@ -9,6 +9,7 @@ A task names its effector. One that comes from outside the library is registered
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -38,14 +39,28 @@ PUSH_STRIDE = STRIDE / 3
 DARK = (0.1, 0.1, 0.1, 1)
 
 
-class Effector(FloatingTool):
+class Effector(FloatingTool, ABC):
     """A tool in a world. It refuses what it cannot do.
 
     Attributes:
         actions: the kinds of action that it can carry out.
+        reach: how far (m) its lower end is below its centre.
+
+    Args:
+        client: the physics client.
+        parked: where it waits (m).
     """
 
     actions: ClassVar[tuple[type[Action], ...]]
+    reach: ClassVar[float]
+
+    def __init__(self, client: int, parked: tuple[float, float, float] = PARKED) -> None:
+        super().__init__(client, self.make_shapes(client), self.reach, parked)
+
+    @staticmethod
+    @abstractmethod
+    def make_shapes(client: int) -> tuple[int, int]:
+        """The tool's collision and visual shape, centred on the tool."""
 
     def check(self, action: Action) -> None:
         """Raises ValueError for an action that this tool cannot carry out."""
@@ -76,13 +91,17 @@ class Suction(Effector):
     """A suction cup: it holds whatever movable body its tip touches, at any yaw, and really carries it."""
 
     actions = (PickPlace,)
+    reach = TIP_LENGTH / 2
+    _hold: int | None = None
+    """The constraint by which it holds a body."""
 
-    def __init__(self, client: int, parked: tuple[float, float, float] = PARKED) -> None:
+    @staticmethod
+    @override
+    def make_shapes(client: int) -> tuple[int, int]:
         shape = dict(radius=TIP_RADIUS, physicsClientId=client)
         collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **shape)
         visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=DARK, **shape)
-        super().__init__(client, (collision, visual), TIP_LENGTH / 2, parked)
-        self._hold: int | None = None
+        return collision, visual
 
     @override
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
@@ -98,9 +117,16 @@ class Suction(Effector):
 
     @override
     def place(self, pose: Pose2) -> None:
-        """Carry what is held above ``pose``, go down until it touches something, let go, rise."""
+        """Carry what is held above ``pose``, go down until it touches something, let go, rise.
+
+        Raises:
+            RuntimeError: nothing is held.
+        """
+        held = self.held
+        if held is None:
+            raise RuntimeError("nothing is held, so that there is nothing to place")
         self.carry(pose)
-        self._descend(lambda: self._touching(self.held, without={self.id}))
+        self._descend(lambda: self._touching(held, without={self.id}))
         self._release()
         self._rise()
 
@@ -153,12 +179,15 @@ class Spatula(Effector):
     """A flat upright blade, which pushes and holds nothing (CLIPort's tool for piles)."""
 
     actions = (Push,)
+    reach = BLADE[2] / 2
 
-    def __init__(self, client: int, parked: tuple[float, float, float] = PARKED) -> None:
+    @staticmethod
+    @override
+    def make_shapes(client: int) -> tuple[int, int]:
         common = dict(halfExtents=[side / 2 for side in BLADE], physicsClientId=client)
         collision = p.createCollisionShape(p.GEOM_BOX, **common)
         visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=DARK, **common)
-        super().__init__(client, (collision, visual), BLADE[2] / 2, parked)
+        return collision, visual
 
     @override
     def push(self, start: Pose2, end: Pose2) -> None:

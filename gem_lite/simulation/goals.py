@@ -129,8 +129,8 @@ class Goal:
 
     def placed(self, environment: Environment) -> set[int]:
         """The ids of the bodies that are at a target."""
-        there = self.at_targets(environment).any(axis=1)
-        return {body.id for body, is_there in zip(self.bodies, there, strict=True) if is_there}
+        there = self.at_targets(environment)
+        return {body.id for body, at in zip(self.bodies, there, strict=True) if at.any()}
 
     def next_move(self, environment: Environment) -> tuple[Body, Target]:
         """The body that is farthest from its nearest free target, and that target.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from gem_lite.registry import Registry
 from gem_lite.simulation.task import Split, Task
@@ -24,8 +24,8 @@ class Variant:
     """
 
     family: str
-    task: type[Task]
-    arguments: Mapping[str, object] = field(default_factory=dict)
+    task: Callable[..., Task]
+    arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
 TASKS: Registry[Variant] = Registry("task")
