@@ -66,7 +66,7 @@ class DemonstrationStep:
 
     observation: Observation
     instruction: str
-    phrases: language.Phrases
+    phrases: language.Queries
     expert: ExpertAction
     trace: tuple[GripperState, ...]
     reward: float
@@ -201,7 +201,7 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
     return DemonstrationStep(
         Observation(tuple(views)),
         _text(step["instruction"]),
-        language.Phrases(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
+        language.Queries(**{role: _text(phrase) for role, phrase in step["phrases"].items()}),
         ExpertAction(Action(pick, place), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])),
         unpack(trace),
         _number(step["reward"]),

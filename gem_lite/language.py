@@ -1,6 +1,7 @@
-"""From an instruction to a pick phrase and a place phrase (the noun parser of A.1.6).
+"""Queries, which say what to pick and where to place it, and the parser of instructions (the noun parser of A.1.6).
 
-The grammar (``?``: may be missing, ``*``: any number of times, ``|``: or)::
+A `Parser` is any function from an instruction to `Queries`; `parse` is the library's own. Its grammar (``?``: may be
+missing, ``*``: any number of times, ``|``: or)::
 
     instruction = OPENING* verb phrase place CLOSING*
                 | OPENING* verb phrase joint verb pronoun? place CLOSING*
@@ -20,9 +21,11 @@ cover is refused, never guessed: a wrong phrase would send the robot somewhere w
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NoReturn
+
+import numpy as np
 
 from gem_lite import colors
 
@@ -79,15 +82,59 @@ _NAMES_IN_LY = ("assembly", "belly", "butterfly", "curly", "doily", "dragonfly",
 _TOKEN = re.compile(r"[^\W_]+(?:['’&-][^\W_]+)*|\S")
 
 
+@dataclass(frozen=True, eq=False)
+class ImageQuery:
+    """A picture of what is meant, in the place of a phrase.
+
+    Attributes:
+        picture: (H, W, 3) uint8.
+        name: what figures and messages call it.
+
+    Raises:
+        ValueError: another kind of picture.
+    """
+
+    picture: np.ndarray
+    name: str = "a picture"
+
+    def __post_init__(self) -> None:
+        shape = self.picture.shape
+        if len(shape) != 3 or shape[-1] != 3 or 0 in shape or self.picture.dtype != np.uint8:
+            raise ValueError(f"picture must be (H, W, 3) uint8, got {shape} {self.picture.dtype}")
+
+    def __str__(self) -> str:
+        return self.name
+
+
+Query = str | ImageQuery
+"""What is asked for: a phrase without its article, or a picture."""
+
+
 @dataclass(frozen=True)
-class Phrases:
-    """The two noun phrases of an instruction, without articles."""
+class Queries:
+    """What to pick, and where to place it.
 
-    pick: str
-    place: str
+    Raises:
+        ValueError: one of them is neither a text with words nor an `ImageQuery`.
+    """
+
+    pick: Query
+    place: Query
+
+    def __post_init__(self) -> None:
+        for name, query in vars(self).items():
+            if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
+                raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
+
+    def __str__(self) -> str:
+        return f"pick {self.pick}, place {self.place}"
 
 
-def parse(instruction: str) -> Phrases:
+Parser = Callable[[str], Queries]
+"""An instruction to queries. It raises ValueError for an instruction that it refuses."""
+
+
+def parse(instruction: str) -> Queries:
     """Split an instruction into what to pick and where to place it.
 
     "put the red blocks in a green bowl" gives "red blocks" and "green bowl"; "grasp the scissors by
@@ -99,7 +146,7 @@ def parse(instruction: str) -> Phrases:
     """
     if not isinstance(instruction, str) or not instruction.strip():
         raise ValueError(f"the instruction is empty; say what to pick and where to place it, {EXAMPLE}")
-    return _Reader(instruction).phrases()
+    return _Reader(instruction).queries()
 
 
 def conjuncts(phrase: str) -> tuple[str, ...]:
@@ -149,7 +196,7 @@ class _Reader:
         while closing := next((c for c in CLOSINGS if self.words[-len(c.split()) :] == c.split()), None):
             del self.words[-len(closing.split()) :]
 
-    def phrases(self) -> Phrases:
+    def queries(self) -> Queries:
         """The rule ``instruction``."""
         while self.accept(OPENINGS):
             pass
@@ -175,7 +222,7 @@ class _Reader:
         self.refuse_rest()
         if not place:
             self.refuse("names no place")
-        return Phrases(" ".join(pick).replace(" ,", ","), " ".join(place).replace(" ,", ","))
+        return Queries(" ".join(pick).replace(" ,", ","), " ".join(place).replace(" ,", ","))
 
     def phrase(self) -> list[str]:
         """The rules ``list`` and ``LOCATION``: the words of a phrase, without its determiner."""

@@ -8,12 +8,12 @@ import torch
 import torch.nn.functional as F
 
 from gem_lite import clip
-from gem_lite.config import ABLATIONS, LITE, Config
 from gem_lite.learning import train
-from gem_lite.maps import semantic_map
+from gem_lite.maps import semantic_map, sources
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import PickModule, Policy
+from gem_lite.policies.gem_config import ABLATIONS, LITE, GemConfig
 from gem_lite.policies.networks import parameter_count
 
 D = 16
@@ -42,29 +42,32 @@ def demos(demo_set):
 
 @pytest.fixture(scope="module", autouse=True)
 def seen_once():
-    """No ablation changes the embedding of a scene: make it once."""
-    seen, honest = {}, Policy.see
+    """What the views are embedded to is the same for most ablations: make it once."""
+    seen, honest = {}, sources.MultiView.embed
 
-    def see(self, views):
+    def embed(self, views):
         if id(views) not in seen:
             seen[id(views)] = views, honest(self, views)  # the views are kept, so that their id stays theirs
         return seen[id(views)][1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Policy, "see", see)
+        patch.setattr(sources.MultiView, "embed", embed)
         yield
 
 
 @pytest.fixture(scope="module")
 def whole(model, demos):
     policy = Policy(SMALL, model)
-    return policy, policy.prepare(demos)
+    return policy, prepare(policy, demos)
+
+
+def prepare(policy, demos):
+    policy.remember(demos)
+    return list(policy.prepare(demos))
 
 
 def weights(policy):
-    return {
-        f"{role}.{key}": value for role, module in policy.modules.items() for key, value in module.named_parameters()
-    }
+    return dict(policy.named_parameters())
 
 
 def disturbed_pick(config):
@@ -77,12 +80,12 @@ def disturbed_pick(config):
 def test_names_and_configurations_belong_together():
     assert LITE.variant == ""
     for ending, ablation in ABLATIONS.items():
-        method, config = methods.find(f"gem-{ending}", LITE)
+        method, config = methods.find(f"gem-{ending}")
         assert method is Policy
         assert config.variant == f"-{ending}"
         assert config == dataclasses.replace(LITE, **ablation.changes, ablations=(ending,)) != LITE
-        assert Config.from_dict(config.as_dict()) == config
-    with pytest.raises(ValueError, match="multi-view, single-view, none, got 'two-view'"):
+        assert GemConfig.from_dict(config.as_dict()) == config
+    with pytest.raises(ValueError, match=r"no map source is named 'two-view'; the nearest names: .*multi-view"):
         dataclasses.replace(LITE, semantic_map="two-view")
     with pytest.raises(ValueError, match="steerable, unrotated, free"):
         dataclasses.replace(LITE, kernels="rigid")
@@ -90,8 +93,8 @@ def test_names_and_configurations_belong_together():
 
 def test_several_ablations_have_one_name_in_any_order():
     one, other = "gem-without-image-map-without-parsing", "gem-without-parsing-without-image-map"
-    assert methods.find(one, LITE) == methods.find(other, LITE)
-    assert methods.find(other, LITE)[1] == LITE.ablated("without-parsing").ablated("without-image-map")
+    assert methods.find(one) == methods.find(other)
+    assert methods.find(other)[1] == LITE.ablated("without-parsing").ablated("without-image-map")
     assert methods.canonical(other) == methods.canonical(one) == one
     assert methods.split("cliport-grounded-without-parsing") == ("cliport-grounded", ("without-parsing",))
 
@@ -101,18 +104,18 @@ def test_several_ablations_have_one_name_in_any_order():
 )
 def test_endings_that_mean_nothing_are_refused(name):
     with pytest.raises(ValueError, match=rf"method must be one of gem, .* got '{name}'"):
-        methods.find(name, LITE)
+        methods.find(name)
 
 
 def test_endings_that_contradict_each_other_are_refused(model):
     for ending, other in (("with-single-view", "without-semantic-map"), ("without-semantic-map", "with-single-view")):
         with pytest.raises(ValueError, match=r"needs semantic_map = .* cannot be combined"):
-            methods.find(f"gem-{ending}-{other}", LITE)
+            methods.find(f"gem-{ending}-{other}")
         with pytest.raises(ValueError, match=r"needs semantic_map = .* cannot be combined"):
             LITE.ablated(ending).ablated(other)
-    with pytest.raises(ValueError, match="without-steerable-kernel changes nothing of cliport"):
-        methods.METHODS["cliport"](SMALL.ablated("without-steerable-kernel"), model)
-    with pytest.raises(ValueError, match=r"ending must be one of .* got 'without-a-clue'"):
+    with pytest.raises(ValueError, match="config of cliport must be a ClipPortConfig, got GemConfig"):
+        methods.METHODS.find("cliport")(SMALL.ablated("without-steerable-kernel"), model)
+    with pytest.raises(ValueError, match=r"the ablation must be one of .* got 'without-a-clue'"):
         LITE.ablated("without-a-clue")
 
 
@@ -122,18 +125,22 @@ def test_a_value_names_no_method(model, tmp_path):
     assert plain.name == "gem"
     save_policy(plain, path, {})
     assert load_policy(path, model).name == checkpoints.read_card(path)["method"] == "gem"
-    # A card of before configurations held their ablations: the name alone says them.
     card = checkpoints.read_card(path)
-    card["config"].pop("ablations")
     path.with_suffix(".json").write_text(json.dumps({**card, "method": "gem-without-image-map"}))
-    assert load_policy(path, model).name == "gem-without-image-map"
+    with pytest.raises(ValueError, match="the ablations of its configuration, none, are not the same"):
+        load_policy(path, model)
+    card["config"]["ablations"] = ["without-parsing"]
     path.with_suffix(".json").write_text(json.dumps({**card, "method": "gem-without-parsing"}))
     with pytest.raises(ValueError, match="without-parsing needs parsing = False, got True"):
+        load_policy(path, model)
+    card["config"] |= {"ablations": [], "query": 15}
+    path.with_suffix(".json").write_text(json.dumps(card))
+    with pytest.raises(ValueError, match=r"unknown entries \['query'\]"):
         load_policy(path, model)
 
 
 def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path):
-    config = methods.find("gem-without-parsing-without-image-map", SMALL)[1]
+    config = SMALL.ablated("without-parsing").ablated("without-image-map")
     policy = Policy(config, model)
     train.train(policy, whole[1], seed=0, run=tmp_path)
     path = tmp_path / "policy.safetensors"
@@ -146,26 +153,27 @@ def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path)
 def test_a_digest_stands_for_every_entry():
     digests = {dataclasses.replace(LITE, **changes).digest for changes in ({}, {"steps": 2}, {"widths": (1, 2, 3, 4)})}
     assert len(digests) == 3 and all(len(digest) == 12 for digest in digests)
-    assert Config.from_dict(json.loads(json.dumps(LITE.as_dict()))).digest == LITE.digest
+    assert GemConfig.from_dict(json.loads(json.dumps(LITE.as_dict()))).digest == LITE.digest
 
 
-def test_old_configurations_are_gem():
+def test_entries_that_a_card_lacks_have_their_defaults():
     old = {key: value for key, value in LITE.as_dict().items() if key not in ("kernels", "semantic_map", "parsing")}
-    assert Config.from_dict(old) == LITE
+    assert GemConfig.from_dict(old) == LITE
 
 
 @pytest.mark.parametrize("ending", ABLATIONS)
 def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
     reference, steps = whole
     policy = Policy(SMALL.ablated(ending), model)
-    prepared = policy.prepare(demos)
+    prepared = prepare(policy, demos)
     names, expected = weights(policy), weights(reference)
     same_weights = names.keys() == expected.keys() and all(torch.equal(names[key], expected[key]) for key in names)
     assert same_weights == (ending not in WEIGHTS_DIFFER)
     one, other = prepared[0].with_image, steps[0].with_image
-    assert torch.equal(one.image[:4], other.image[:4])
+    assert torch.equal(one.rgbd, other.rgbd)
     assert (one.pick, one.place, one.pick_yaw, one.delta) == (other.pick, other.place, other.pick_yaw, other.delta)
-    same_maps, same_words = torch.equal(one.image[4:], other.image[4:]), torch.equal(one.pick_words, other.pick_words)
+    same_maps = all(torch.equal(one.maps[role], other.maps[role]) for role in ("pick", "place"))
+    same_words = torch.equal(one.words["pick"], other.words["pick"])
     assert (same_maps and same_words) == (ending not in INPUTS_DIFFER)
     assert same_words == (ending != "without-parsing")
 
@@ -188,24 +196,26 @@ def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, 
 
 def test_without_semantic_map_it_is_one_everywhere(model, demos):
     policy = Policy(SMALL.ablated("without-semantic-map"), model)
-    for step in policy.prepare(demos):
-        assert torch.equal(step.with_image.image[4:], torch.ones(2, *SMALL.workspace.shape))
+    for step in prepare(policy, demos):
+        for role in ("pick", "place"):
+            assert torch.equal(step.with_image.maps[role], torch.ones(1, *SMALL.workspace.shape))
     assert policy.memory is None
 
 
 def test_single_view_comes_from_the_height_map(model, demos):
     policy = Policy(SMALL.ablated("with-single-view"), model)
     step = demos[0].steps[0]
-    scene = policy.see(step.observation.views)
+    scene = policy.embed(step.observation.views)
     maps = policy.maps(scene, step.phrases.pick)
     assert np.array_equal(maps.text, semantic_map.single_view_map(scene, step.phrases.pick, model))
 
 
 def test_without_image_map_nothing_is_remembered(model, demos, whole):
     policy = Policy(SMALL.ablated("without-image-map"), model)
-    for step, reference in zip(policy.prepare(demos), whole[1], strict=True):
-        assert torch.equal(step.with_image.image, step.text_only.image)
-        assert torch.equal(step.with_image.image, reference.text_only.image)
+    for step, reference in zip(prepare(policy, demos), whole[1], strict=True):
+        for role, semantic in step.with_image.maps.items():
+            assert torch.equal(semantic, step.text_only.maps[role])
+            assert torch.equal(semantic, reference.text_only.maps[role])
     assert policy.memory is None
 
 
@@ -215,7 +225,7 @@ def test_without_parsing_both_modules_hear_the_whole_sentence(model):
     phrases = policy.read(sentence)
     assert phrases.pick == phrases.place == sentence
     words = policy.words(phrases)
-    assert torch.equal(words["pick_words"], words["place_words"])
+    assert torch.equal(words["pick"], words["place"])
     with pytest.raises(ValueError, match="empty"):
         policy.read(" ")
 
@@ -256,7 +266,7 @@ def test_without_language_in_attention_the_kernel_still_hears():
 
 
 def test_baselines_can_be_ablated_where_it_means_something():
-    config = SMALL.ablated("without-parsing")
-    policy = methods.METHODS["cliport"](config, types.SimpleNamespace(dim=D, width=D))
+    method, config = methods.find("cliport-without-parsing")
+    policy = method(config, types.SimpleNamespace(dim=D, width=D))
     assert policy.name == "cliport-without-parsing"
     assert policy.read("put the red block in the bowl").pick == "put the red block in the bowl"

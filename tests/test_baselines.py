@@ -7,7 +7,6 @@ import torch
 import torch.nn.functional as F
 
 from gem_lite import clip
-from gem_lite.config import LITE, PAPER
 from gem_lite.learning import train
 from gem_lite.learning.train import make_batch
 from gem_lite.policies import checkpoints, methods
@@ -22,10 +21,12 @@ from gem_lite.se2 import ImageMotion, angle_bins
 D, WIDTH = 16, 24
 COARSE = {"cliport": WIDTH, "cliport-grounded": D}
 """Channels of what CLIP says of a picture's places, where a method asks it."""
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15
-)
-BASELINES = [name for name in methods.METHODS if name != "gem"]
+SMALL = {
+    name: dataclasses.replace(methods.find(name)[1], widths=(4, 4, 8, 8), angles=12) for name in methods.METHODS.names()
+}
+SMALL["gem"] = dataclasses.replace(SMALL["gem"], kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4)
+WORKSPACE = SMALL["gem"].workspace
+BASELINES = [name for name in methods.METHODS.names() if name != "gem"]
 
 
 @pytest.fixture(scope="module")
@@ -35,37 +36,58 @@ def model():
 
 @pytest.fixture(scope="module")
 def trained_on(model, demo_set):
-    """``trained_on(name)``: a fresh policy of SMALL's sizes and its prepared steps; scenes are prepared once."""
+    """``trained_on(name)``: a fresh policy of small sizes and its prepared steps; scenes are prepared once."""
     found = {}
 
     def make(name):
         if name not in found:
-            policy = methods.METHODS[name](SMALL, model)
-            found[name] = policy.prepare(demo_set[1]), policy.memory
+            policy = methods.METHODS.find(name)(SMALL[name], model)
+            policy.remember(demo_set[1])
+            found[name] = list(policy.prepare(demo_set[1])), policy.memory
         prepared, memory = found[name]
-        return methods.METHODS[name](SMALL, model, memory, seed=1), prepared
+        return methods.METHODS.find(name)(SMALL[name], model, memory, seed=1), prepared
 
     return make
 
 
-def without_clip(name, config=SMALL, dim=D):
+def without_clip(name):
     """A policy whose networks have random weights everywhere, also where training starts from 0."""
-    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=WIDTH))
-    for module in policy.modules.values():
-        for parameter in module.parameters():
-            torch.nn.init.normal_(parameter, std=0.2)
-        module.eval()
-    return policy
+    policy = methods.METHODS.find(name)(SMALL[name], types.SimpleNamespace(dim=D, width=WIDTH))
+    for parameter in policy.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    return policy.eval()
 
 
 def random_inputs(name, height, width, batch=1):
     cells = (height // 8, width // 8)
+    roles = ("pick", "place")
     return Inputs(
-        image=torch.rand(batch, 6 if name == "gem" else 4, height, width),
-        coarse=torch.rand(batch, COARSE[name], *cells) if name in COARSE else torch.zeros(batch, 0, 1, 1),
-        pick_words=F.normalize(torch.randn(batch, D), dim=1),
-        place_words=F.normalize(torch.randn(batch, D), dim=1),
+        rgbd=torch.rand(batch, 4, height, width),
+        maps={role: torch.rand(batch, 1, height, width) for role in roles} if name == "gem" else {},
+        features={"clip": torch.rand(batch, COARSE[name], *cells)} if name in COARSE else {},
+        words={role: F.normalize(torch.randn(batch, D), dim=1) for role in roles},
     )
+
+
+def changed(inputs, fine=lambda image: image, coarse=lambda feature: feature):
+    """The same inputs after a change of their pictures and maps, and one of their coarse features."""
+    return dataclasses.replace(
+        inputs,
+        rgbd=fine(inputs.rgbd),
+        maps={name: fine(semantic) for name, semantic in inputs.maps.items()},
+        features={name: coarse(feature) for name, feature in inputs.features.items()},
+    )
+
+
+def alone(box):
+    """Keeps a box of a picture, and nothing around it."""
+
+    def keep(image):
+        kept = torch.zeros_like(image)
+        kept[box] = image[box]
+        return kept
+
+    return keep
 
 
 @pytest.fixture(autouse=True)
@@ -73,29 +95,26 @@ def seeded():
     torch.manual_seed(0)
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_logits_have_one_shape_and_the_action_is_on_the_table(name, trained_on, demo_set):
     policy, _ = trained_on(name)
     step = demo_set[1][0].steps[0]
     choice, again = (policy.decide(step.observation, step.instruction) for _ in range(2))
-    assert choice.pick_logits.shape == choice.place_logits.shape == (12, *SMALL.workspace.shape)
+    assert choice.pick_logits.shape == choice.place_logits.shape == (12, *WORKSPACE.shape)
     assert choice.action == again.action == policy.act(step.observation, step.instruction)
     for pose in (choice.action.pick, choice.action.place):
-        assert SMALL.workspace.contains(pose.x, pose.y)
+        assert WORKSPACE.contains(pose.x, pose.y)
     assert choice.action.delta == pytest.approx((angle_bins(12)[choice.place_cell[0]] + np.pi) % (2 * np.pi) - np.pi)
     with pytest.raises(ValueError, match="no place"):
         policy.act(step.observation, "pick the red block")
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_all_move_with_the_table_by_16_pixels(name):
     # Away from the borders: the content sits in the middle of a wide empty picture.
     policy, full = without_clip(name), random_inputs(name, 320, 32)
-    image, coarse = torch.zeros_like(full.image), torch.zeros_like(full.coarse)
-    image[..., 150:160, 10:20] = full.image[..., 150:160, 10:20]
-    coarse[..., 18:20, 1:3] = full.coarse[..., 18:20, 1:3]
-    still = dataclasses.replace(full, image=image, coarse=coarse)
-    moved = dataclasses.replace(full, image=image.roll(16, dims=2), coarse=coarse.roll(2, dims=2))
+    still = changed(full, alone(np.s_[..., 150:160, 10:20]), alone(np.s_[..., 18:20, 1:3]))
+    moved = changed(still, lambda image: image.roll(16, dims=2), lambda feature: feature.roll(2, dims=2))
     inside = slice(140, 180)
     with torch.no_grad():
         for plain, shifted in (
@@ -116,12 +135,12 @@ def test_place_queries_turn_with_the_object(name, turns):
     # K_i(T_g crop) = K_{i+g}(crop): half of Eq. 6, exact at quarter turns for any weights.
     place = without_clip(name).place
     place = getattr(place, "network", place)
-    joined = methods.METHODS[name].Semantics.outputs(SMALL) if name in COARSE else 0
+    joined = methods.METHODS.find(name).Semantics.outputs(SMALL[name]) if name in COARSE else 0
     image, words, centre = torch.rand(1, 4 + joined, 33, 33), torch.randn(1, D), [[16, 16]]
     with torch.no_grad():
         before = place.kernels(image, words, torch.tensor(centre))
         turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
-    expected = before.roll(-turns * SMALL.angles // 4, dims=1)
+    expected = before.roll(-turns * SMALL[name].angles // 4, dims=1)
     assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
     assert not torch.allclose(turned, before, atol=1e-2 * float(before.abs().max()))
 
@@ -129,13 +148,9 @@ def test_place_queries_turn_with_the_object(name, turns):
 @pytest.mark.parametrize("name", BASELINES)
 def test_their_pick_does_not_turn_with_the_table(name):
     policy, inputs = without_clip(name), random_inputs(name, 32, 32)
-    turned = dataclasses.replace(
-        inputs,
-        image=torch.rot90(inputs.image, 1, dims=(-2, -1)),
-        coarse=torch.rot90(inputs.coarse, 1, dims=(-2, -1)),
-    )
+    turned = changed(inputs, *[lambda image: torch.rot90(image, 1, dims=(-2, -1))] * 2)
     with torch.no_grad():
-        expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL.angles // 4, dims=1)
+        expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL[name].angles // 4, dims=1)
         assert (policy.score_pick(turned) - expected).abs().max() > 0.1 * expected.abs().max()
 
 
@@ -150,16 +165,16 @@ def test_turned_crops_keep_the_pick_at_their_centre():
         assert crop[row, col] == pytest.approx(0.5, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_each_phrase_reaches_its_own_module(name):
     policy, inputs, picks = without_clip(name), random_inputs(name, 32, 32), torch.tensor([[12, 20]])
     other = F.normalize(torch.randn(1, D), dim=1)
     with torch.no_grad():
         pick, place = policy.score_pick(inputs), policy.score_place(inputs, picks)
-        said = dataclasses.replace(inputs, pick_words=other)
+        said = dataclasses.replace(inputs, words=inputs.words | {"pick": other})
         assert not torch.allclose(policy.score_pick(said), pick)
         assert torch.equal(policy.score_place(said, picks), place)
-        said = dataclasses.replace(inputs, place_words=other)
+        said = dataclasses.replace(inputs, words=inputs.words | {"place": other})
         assert torch.equal(policy.score_pick(said), pick)
         assert not torch.allclose(policy.score_place(said, picks), place)
 
@@ -169,13 +184,14 @@ def test_grounding_multiplies_clips_features_with_the_words():
     policy, inputs = without_clip("cliport-grounded"), random_inputs("cliport-grounded", 32, 32)
     words = torch.zeros(1, D)
     words[:, :8] = 1.0
-    unseen, seen = inputs.coarse.clone(), inputs.coarse.clone()
+    coarse = inputs.features["clip"]
+    unseen, seen = coarse.clone(), coarse.clone()
     unseen[:, 8:] += 1.0
     seen[:, :8] += 1.0
     with torch.no_grad():
         plain, same, other = (
-            policy.score_pick(dataclasses.replace(inputs, coarse=coarse, pick_words=words))
-            for coarse in (inputs.coarse, unseen, seen)
+            policy.score_pick(dataclasses.replace(inputs, features={"clip": feature}, words={"pick": words}))
+            for feature in (coarse, unseen, seen)
         )
     assert torch.equal(plain, same)
     assert not torch.allclose(plain, other)
@@ -185,7 +201,7 @@ def test_grounding_multiplies_clips_features_with_the_words():
 def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
     # With the axes of the words renamed, and its weights with them, CLIPort says what it said.
     policy, inputs = without_clip(name), random_inputs(name, 32, 32)
-    renamed = dataclasses.replace(inputs, pick_words=inputs.pick_words.flip(1))
+    renamed = dataclasses.replace(inputs, words={"pick": inputs.words["pick"].flip(1)})
     with torch.no_grad():
         before = policy.score_pick(inputs)
         assert not torch.allclose(policy.score_pick(renamed), before, rtol=1e-3)
@@ -198,7 +214,7 @@ def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = list(numbered_steps(demo_set[1]))
     for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
-        score = torch.einsum("dhw,d->hw", prepared.with_image.coarse, prepared.with_image.pick_words)
+        score = torch.einsum("dhw,d->hw", prepared.with_image.features["clip"], prepared.with_image.words["pick"])
         row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
         assert score.shape == (20, 10)
         assert score[row, col] > score.median() + 0.2, step.instruction
@@ -228,24 +244,24 @@ def test_augmentation_moves_coarse_features_along(trained_on):
     sample = trained_on("cliport")[1][0].with_image
     coarse = torch.zeros(1, 20, 10)
     coarse[0, 8:10, 3:5] = 1.0
-    image = F.interpolate(coarse[None], scale_factor=8, mode="nearest")[0]
-    moved = apply(ImageMotion(0.5, (12.0, 8.0)), dataclasses.replace(sample, image=image, coarse=coarse))
+    fine = F.interpolate(coarse[None], scale_factor=8, mode="nearest")[0]
+    moved = apply(ImageMotion(0.5, (12.0, 8.0)), dataclasses.replace(sample, rgbd=fine, features={"clip": coarse}))
 
     def centre(picture, cell):
         rows, cols = torch.meshgrid(*(torch.arange(float(n)) for n in picture.shape), indexing="ij")
         return [float((axis * picture).sum() / picture.sum()) * cell + (cell - 1) / 2 for axis in (rows, cols)]
 
-    assert centre(moved.coarse[0], 8) == pytest.approx(centre(moved.image[0], 1), abs=0.6)
-    assert moved.image[0].argmax() != image[0].argmax()
+    assert centre(moved.features["clip"][0], 8) == pytest.approx(centre(moved.rgbd[0], 1), abs=0.6)
+    assert moved.rgbd[0].argmax() != fine[0].argmax()
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_a_gradient_step_lowers_both_losses_and_reaches_every_weight(name, trained_on):
     policy, prepared = trained_on(name)
-    batch = make_batch(prepared, SMALL, np.random.default_rng(0))
+    batch = make_batch(prepared, SMALL[name], np.random.default_rng(0))
     before = policy.losses(batch)
-    assert set(before) == set(policy.modules)
-    for role, module in policy.modules.items():
+    assert set(before) == set(policy.roles)
+    for role, module in policy.roles.items():
         optimizer = torch.optim.Adam(module.parameters(), lr=1e-3)
         before[role].backward()
         assert [key for key, parameter in module.named_parameters() if parameter.grad is None] == []
@@ -255,11 +271,11 @@ def test_a_gradient_step_lowers_both_losses_and_reaches_every_weight(name, train
         assert after[role] < loss
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_mixed_precision_keeps_the_loss(name, trained_on):
     # What a GPU does, on the CPU: networks in bfloat16, correlation and loss in float32.
     policy, prepared = trained_on(name)
-    batch = make_batch(prepared, SMALL, np.random.default_rng(0))
+    batch = make_batch(prepared, SMALL[name], np.random.default_rng(0))
     exact = policy.losses(batch)
     with torch.autocast("cpu", torch.bfloat16):
         mixed = policy.losses(batch)
@@ -267,21 +283,21 @@ def test_mixed_precision_keeps_the_loss(name, trained_on):
         assert loss.dtype == torch.float32
         assert loss.item() == pytest.approx(exact[role].item(), rel=0.02)
         loss.backward()
-        gradients = [parameter.grad for parameter in policy.modules[role].parameters()]
+        gradients = [parameter.grad for parameter in policy.roles[role].parameters()]
         assert all(torch.isfinite(gradient).all() for gradient in gradients)
 
 
 def test_sizes_are_those_of_table_a1():
-    def count(name, config, dim, width):
-        policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=width))
-        return sum(parameter_count(module) for module in policy.modules.values())
+    def count(name, preset, dim, width):
+        method, config = methods.find(name, preset)
+        return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width)))
 
-    lite = {name: count(name, LITE, 128, 256) for name in methods.METHODS}
+    lite = {name: count(name, "lite", 128, 256) for name in methods.METHODS.names()}
     # The paper's CLIPort is by far the largest, too.
     assert 1.5 * lite["gem"] < lite["cliport"] < 1.5e6
-    assert max(lite[name] for name in methods.METHODS if name != "cliport") < 1.2 * min(lite.values())
-    assert count("gem", PAPER, 512, 768) == pytest.approx(5.7e6, rel=0.02)
-    assert count("transporter-lan", PAPER, 512, 768) == pytest.approx(6.6e6, rel=0.2)
+    assert max(lite[name] for name in methods.METHODS.names() if name != "cliport") < 1.2 * min(lite.values())
+    assert count("gem", "paper", 512, 768) == pytest.approx(5.7e6, rel=0.02)
+    assert count("transporter-lan", "paper", 512, 768) == pytest.approx(6.6e6, rel=0.2)
 
 
 @pytest.mark.parametrize("name", BASELINES)
@@ -300,7 +316,7 @@ def test_checkpoints_bring_back_the_method(name, trained_on, model, tmp_path, de
 @pytest.mark.parametrize("name", BASELINES)
 def test_training_is_the_same_loop(name, trained_on, tmp_path):
     policy, prepared = trained_on(name)
-    policy.config = dataclasses.replace(SMALL, steps=3, batch=1)
+    policy.config = dataclasses.replace(SMALL[name], steps=3, batch=1)
     before = policy.losses([prepared[0].with_image])
     train.train(policy, prepared, seed=0, run=tmp_path)
     after = policy.losses([prepared[0].with_image])
@@ -311,25 +327,29 @@ def test_training_is_the_same_loop(name, trained_on, tmp_path):
 
 def test_wrong_names_are_answered_with_the_right_ones():
     with pytest.raises(ValueError, match=r"method must be one of gem, transporter-lan, cliport, .*got 'transporter'"):
-        methods.find("transporter", LITE)
+        methods.find("transporter")
 
 
 @pytest.mark.parametrize("name", ("cliport-without-recoloring", "cliport-grounded-without-recoloring"))
 def test_cliport_without_recoloring_is_cliport_but_for_that(name, model):
-    method, config = methods.find(name, LITE)
-    plain, other = method(config, model), methods.METHODS[name.removesuffix("-without-recoloring")](LITE, model)
+    method, config = methods.find(name)
+    whole, lite = methods.find(name.removesuffix("-without-recoloring"))
+    plain, other = method(config, model), whole(lite, model)
     assert plain.name == name and type(plain) is type(other)
     assert (plain.recolors, other.recolors) == (False, True)
-    assert dataclasses.replace(config, recolor=True, ablations=()) == LITE
+    assert dataclasses.replace(config, recolor=True, ablations=()) == lite
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", methods.METHODS.names())
 def test_a_missing_view_is_named(name, model, demo_set):
     good, bad = demo_set[1]
     step = bad.steps[0]
     one_eyed = dataclasses.replace(step, observation=Observation(step.observation.views[:2]))
     bad = dataclasses.replace(bad, steps=(one_eyed, *bad.steps[1:]))
+    policy = methods.METHODS.find(name)(SMALL[name], model)
+    policy.remember([good, bad])
     with pytest.raises(
-        ValueError, match=rf"demonstration 1 \(seed {bad.seed}\) .* views of front, left, where .* front, left, right"
+        ValueError,
+        match=rf"demonstration 1 of {bad.task} \(seed {bad.seed}\) .* views of front, left, where .* front, left, right",
     ):
-        methods.METHODS[name](SMALL, model).prepare([good, bad])
+        list(policy.prepare([good, bad]))

@@ -16,7 +16,7 @@ from gem_lite.clip import calibration
 from gem_lite.clip_training import clip_card, clip_crops, pretrain_clip, vocabulary
 from gem_lite.clip_training.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops
 from gem_lite.learning import calibrating
-from gem_lite.maps import semantic_map
+from gem_lite.maps import patches, semantic_map
 
 
 @pytest.fixture(scope="module")
@@ -239,8 +239,8 @@ def test_vit_b_32_prepares_pictures_as_openai_does(vit_b_32):
 
 def test_vit_b_32_makes_a_semantic_map(vit_b_32, world):
     views = world.reset(tasks.make("put-block-in-bowl-seen-colors"), 0).views
-    grid = semantic_map.PatchGrid((480, 640), 160, 160)
-    embeddings = semantic_map.embed_patches(views[0].rgb, grid, vit_b_32)
+    grid = patches.PatchGrid((480, 640), 160, 160)
+    embeddings = patches.embed_patches(views[0].rgb, grid, vit_b_32)
     assert embeddings.values.shape == (3, 4, 512)
     assert torch.allclose(embeddings.values.norm(dim=-1), torch.ones(3, 4), atol=1e-5)
     words = semantic_map.embed_phrase("red block", vit_b_32, semantic_map.TEMPLATES)

@@ -30,7 +30,7 @@ def picture(seed, shape=(20, 20, 3)):
 @pytest.fixture(scope="module")
 def memory(model):
     phrases = ["red block", "green bowl", "red block", "blue block"]
-    return CropMemory([CropEntry(phrase, picture(i), i) for i, phrase in enumerate(phrases)], model)
+    return CropMemory([CropEntry(phrase, picture(i), "t", i) for i, phrase in enumerate(phrases)], model)
 
 
 @pytest.fixture(scope="module")
@@ -178,32 +178,32 @@ def test_the_threshold_is_the_cosine_that_is_just_enough(memory, model):
     assert memory.retrieve(query, math.nextafter(cosine, 1)) is None
 
 
-def test_an_excluded_episode_is_not_found(memory, model):
+def test_a_hidden_episode_is_not_retrieved(memory, model):
     query = model.embed_texts(["red block"])[0]
     assert memory.find(query)[0] == 0
-    assert memory.find(query, exclude_episode=0)[0] == 2
-    assert memory.find(query, exclude_episode=1)[0] == 0
+    assert memory.find(query, hidden=("t", 0))[0] == 2
+    assert memory.find(query, hidden=("t", 1))[0] == 0
     bowl = model.embed_texts(["green bowl"])[0]
     assert memory.retrieve(bowl, 0.99) is not None
-    assert memory.retrieve(bowl, 0.99, exclude_episode=1) is None
+    assert memory.retrieve(bowl, 0.99, hidden=("t", 1)) is None
 
 
-def test_a_memory_of_one_excluded_episode_finds_nothing(model):
-    alone = CropMemory([CropEntry("red block", picture(0), 7), CropEntry("green bowl", picture(1), 7)], model)
+def test_a_memory_of_one_hidden_episode_retrieves_nothing(model):
+    alone = CropMemory([CropEntry("red block", picture(0), "t", 7), CropEntry("green bowl", picture(1), "t", 7)], model)
     query = model.embed_texts(["red block"])[0]
-    assert alone.find(query, exclude_episode=7) is None
-    assert alone.retrieve(query, -1.0, exclude_episode=7) is None
+    assert alone.find(query, hidden=("t", 7)) is None
+    assert alone.retrieve(query, -1.0, hidden=("t", 7)) is None
 
 
 @pytest.mark.parametrize("count", [3, 7, 1001])
 def test_of_equal_phrases_the_first_is_found(model, count):
     # A matrix product rounds its last rows another way, so the largest cosine alone would not do.
-    tied = CropMemory([CropEntry("red block", picture(0), i) for i in range(count)], model)
+    tied = CropMemory([CropEntry("red block", picture(0), "t", i) for i in range(count)], model)
     generator = torch.Generator().manual_seed(0)
     for _ in range(20):
         query = torch.nn.functional.normalize(torch.randn(model.dim, generator=generator), dim=0)
         assert tied.find(query)[0] == 0
-        assert tied.find(query, exclude_episode=0)[0] == 1
+        assert tied.find(query, hidden=("t", 0))[0] == 1
 
 
 # Files ---------------------------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ def saved(memory, tmp_path):
 def test_what_was_saved_is_loaded(memory, saved, model):
     loaded = CropMemory.load(saved, model)
     for one, two in zip(memory.entries, loaded.entries, strict=True):
-        assert (one.phrase, one.episode) == (two.phrase, two.episode)
+        assert (one.phrase, one.key) == (two.phrase, two.key)
         assert np.array_equal(one.image, two.image) and two.image.dtype == np.uint8
     for phrase in ("red blocks", "a green bowl", "blue block", "white bowl"):
         query = model.embed_texts([phrase])[0]
@@ -243,7 +243,7 @@ def test_a_memory_is_embedded_by_the_clip_that_loads_it(memory, saved):
 
 def test_phrases_of_any_script_survive(model, tmp_path):
     phrase = 'the "größte" 赤い block\n'
-    CropMemory([CropEntry(phrase, picture(0, (7, 9, 3)), 3)], model).save(tmp_path / "one.safetensors")
+    CropMemory([CropEntry(phrase, picture(0, (7, 9, 3)), "t", 3)], model).save(tmp_path / "one.safetensors")
     (entry,) = CropMemory.load(tmp_path / "one.safetensors", model).entries
     assert (entry.phrase, entry.episode, entry.image.shape) == (phrase, 3, (7, 9, 3))
 
@@ -321,7 +321,7 @@ def test_an_empty_memory_is_refused(model):
 
 
 def test_pictures_of_unequal_size_are_refused(model):
-    entries = [CropEntry("red block", picture(0), 0), CropEntry("red block", picture(0, (20, 21, 3)), 0)]
+    entries = [CropEntry("red block", picture(0), "t", 0), CropEntry("red block", picture(0, (20, 21, 3)), "t", 0)]
     with pytest.raises(ValueError, match=r"entries .* one size, got \(20, 20, 3\), \(20, 21, 3\)"):
         CropMemory(entries, model)
 
@@ -333,13 +333,13 @@ def test_pictures_of_unequal_size_are_refused(model):
 )
 def test_what_is_no_picture_is_refused(image):
     with pytest.raises(ValueError, match=r"image must be an \(H, W, 3\) uint8 picture, got \("):
-        CropEntry("red block", image, 0)
+        CropEntry("red block", image, "t", 0)
 
 
 @pytest.mark.parametrize("phrase", ["", " \n"])
 def test_an_empty_phrase_is_refused(phrase):
     with pytest.raises(ValueError, match="phrase must name"):
-        CropEntry(phrase, picture(0), 0)
+        CropEntry(phrase, picture(0), "t", 0)
 
 
 def test_a_query_of_another_shape_is_refused(memory, model):
@@ -357,10 +357,12 @@ def test_a_threshold_that_is_no_cosine_is_refused(memory, model, threshold):
 @pytest.mark.parametrize("episode", [-1, 2**63, True, 1.0, "0", None])
 def test_an_episode_that_is_no_number_is_refused(episode):
     with pytest.raises(ValueError, match="episode must be a number from 0 on"):
-        CropEntry("red block", picture(0), episode)
+        CropEntry("red block", picture(0), "t", episode)
 
 
-@pytest.mark.parametrize("labels", [None, [], [3], [{"phrase": "red block"}], [{"phrase": 3, "episode": 0}]])
+@pytest.mark.parametrize(
+    "labels", [None, [], [3], [{"phrase": "red block"}], [{"phrase": 3, "task": "t", "episode": 0}]]
+)
 def test_labels_that_pack_never_made_are_refused(model, labels):
     with pytest.raises(ValueError, match=r"labels? must|phrase must"):
         CropMemory.unpack(np.stack([picture(0)]), labels, model)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gem_lite import clip, colors, tasks
-from gem_lite.config import LITE
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.evaluate import Episode
 from gem_lite.policies.checkpoints import read_card
+from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Action, Pose2
 from gem_lite.simulation import shapes
 from gem_lite.simulation.world import World
@@ -137,7 +137,7 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
         assert command(method, TASK, "--episodes", "1", "--file") == 0
     rows = {row["method"]: row for row in results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")}
     assert rows["expert"]["config_hash"] is None
-    assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == LITE.digest
+    assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == evaluate.LITE.digest
     assert all(row["steps"] is row["clip_fingerprint"] is row["seed"] is None for row in rows.values())
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite.config import LITE, PAPER, Config
 from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
 from gem_lite.policies.gem import PickModule, PlaceModule, near_peak
+from gem_lite.policies.gem_config import LITE, PAPER, GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
 from gem_lite.policies.samples import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.se2 import ImageMotion
@@ -145,12 +145,21 @@ def test_cross_entropy_is_smallest_on_the_right_cells():
     assert cross_entropy(logits, [([0], 2, 0)]).item() > 40
 
 
+def named(image: torch.Tensor) -> dict:
+    """RGB-D and the maps of pick and place, from their six channels."""
+    return {"rgbd": image[:4], "maps": {"pick": image[4:5], "place": image[5:6]}}
+
+
+def channels(sample: Sample) -> torch.Tensor:
+    return torch.cat([sample.rgbd, *sample.maps.values()])
+
+
 def sample_with_spot(row: int, col: int) -> Sample:
     image = torch.zeros(6, 64, 48)
     image[:, row - 1 : row + 2, col - 1 : col + 2] = 1.0
     return Sample(
-        image=image, pick=(row, col), place=(40.0, 30.0), pick_yaw=0.3, delta=0.7, pick_symmetry=math.pi / 2,
-        place_symmetry=0.0, pick_words=torch.zeros(D), place_words=torch.zeros(D),
+        **named(image), pick=(row, col), place=(40.0, 30.0), pick_yaw=0.3, delta=0.7, pick_symmetry=math.pi / 2,
+        place_symmetry=0.0,
     )  # fmt: skip
 
 
@@ -159,7 +168,7 @@ def test_augmentation_moves_image_and_labels_together():
     motion = ImageMotion(math.radians(30), (3.0, -2.0))
     moved = apply(motion, sample)
     rows, cols = torch.meshgrid(torch.arange(64.0), torch.arange(48.0), indexing="ij")
-    for channel in moved.image:
+    for channel in channels(moved):
         mass = channel.sum()
         assert float((rows * channel).sum() / mass) == pytest.approx(moved.pick[0], abs=0.1)
         assert float((cols * channel).sum() / mass) == pytest.approx(moved.pick[1], abs=0.1)
@@ -183,9 +192,9 @@ def test_random_motion_keeps_pixels_inside():
 
 
 def test_config_round_trip_and_refusal():
-    assert Config.from_dict(PAPER.as_dict()) == PAPER
+    assert GemConfig.from_dict(PAPER.as_dict()) == PAPER
     with pytest.raises(ValueError, match="colour_blind"):
-        Config.from_dict({**LITE.as_dict(), "colour_blind": True})
+        GemConfig.from_dict({**LITE.as_dict(), "colour_blind": True})
 
 
 def test_no_layer_normalises_over_the_picture():
@@ -195,11 +204,11 @@ def test_no_layer_normalises_over_the_picture():
 
 def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
     image = torch.rand(6, 8, 8, generator=torch.Generator().manual_seed(0))
-    sample, orders = dataclasses.replace(sample_with_spot(2, 2), image=image), set()
+    sample, orders = dataclasses.replace(sample_with_spot(2, 2), **named(image)), set()
     for seed in range(40):
         drawn = recolored(np.random.default_rng(seed), sample)
-        assert dataclasses.replace(drawn, image=image) == sample and torch.equal(drawn.image[3:], image[3:])
-        ratios = drawn.image[:3, None] / image[None, :3]  # (new, old, H, W): one constant for each new channel
+        assert dataclasses.replace(drawn, **named(image)) == sample and torch.equal(channels(drawn)[3:], image[3:])
+        ratios = drawn.rgbd[:3, None] / image[None, :3]  # (new, old, H, W): one constant for each new channel
         constant = ratios.flatten(2).std(dim=2) < 1e-4
         assert constant.sum() == 3 and torch.all(constant.sum(dim=0) == 1)
         gains = ratios[..., 0, 0][constant]
@@ -209,24 +218,25 @@ def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
 
 
 def test_recolouring_is_for_methods_that_see_colours_through_clip():
-    def recolors(method, config):
-        return methods.METHODS[method](config, types.SimpleNamespace(dim=D, width=D)).recolors
+    def recolors(name, **values):
+        method, config = methods.find(name)
+        return method(dataclasses.replace(config, **values), types.SimpleNamespace(dim=D, width=D)).recolors
 
-    assert [recolors(name, SMALL) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
-    assert not recolors("gem", SMALL.ablated("without-semantic-map"))
-    assert not any(recolors(name, dataclasses.replace(SMALL, recolor=False)) for name in methods.METHODS)
+    assert [recolors(name) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
+    assert not recolors("gem-without-semantic-map")
+    assert not any(recolors(name, recolor=False) for name in ("gem", "cliport", "cliport-grounded"))
 
 
 def test_rescaling_changes_maps_alone_and_keeps_their_order():
     rng = np.random.default_rng(0)
     image = torch.rand(6, 8, 8)
     sample = Sample(
-        image=image, pick_words=torch.zeros(D), place_words=torch.zeros(D), pick=(1.0, 2.0), place=(3.0, 4.0),
-        pick_yaw=0.0, delta=0.0, pick_symmetry=0.0, place_symmetry=0.0,
+        **named(image), pick=(1.0, 2.0), place=(3.0, 4.0), pick_yaw=0.0, delta=0.0, pick_symmetry=0.0,
+        place_symmetry=0.0,
     )  # fmt: skip
     gains = []
     for _ in range(50):
-        changed = rescaled(rng, sample, (0.5, 1.2), 0.1).image
+        changed = channels(rescaled(rng, sample, (0.5, 1.2), 0.1))
         assert torch.equal(changed[:4], image[:4])
         for before, after in zip(image[4:], changed[4:], strict=True):
             assert torch.equal(before.flatten().argsort(), after.flatten().argsort())
@@ -235,9 +245,9 @@ def test_rescaling_changes_maps_alone_and_keeps_their_order():
             assert abs(offset) <= 0.1 + 1e-5
             gains.append(gain)
     assert 0.5 - 1e-5 <= min(gains) < 0.6 and 1.1 < max(gains) <= 1.2 + 1e-5
-    assert torch.allclose(rescaled(rng, sample, (1.0, 1.0), 0.0).image, image)
-    no_maps = dataclasses.replace(sample, image=image[:4])
-    assert torch.equal(rescaled(rng, no_maps, (0.5, 1.2), 0.1).image, image[:4])
+    assert torch.allclose(channels(rescaled(rng, sample, (1.0, 1.0), 0.0)), image)
+    no_maps = dataclasses.replace(sample, maps={})
+    assert torch.equal(channels(rescaled(rng, no_maps, (0.5, 1.2), 0.1)), image[:4])
 
 
 def test_motions_without_turns_only_shift():

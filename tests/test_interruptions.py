@@ -14,16 +14,16 @@ import pytest
 import torch
 
 from gem_lite import clip
-from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import checkpoints, transporter
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.transporter import TransporterConfig
 
 SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
-    steps=4, batch=1,
-)  # fmt: skip
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def prepared(model, demo_set):
 
 
 def weights(policy: Policy) -> torch.Tensor:
-    return torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()])
+    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
 def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
@@ -121,6 +121,7 @@ import os, pickle, signal, sys, types
 from pathlib import Path
 from gem_lite.learning import train
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.transporter import TransporterConfig
 
 run = Path(sys.argv[1])
 moment = sys.argv[2]
@@ -183,11 +184,12 @@ from pathlib import Path
 from accelerate import PartialState
 from gem_lite.learning import train
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.transporter import TransporterConfig
 run = Path(sys.argv[1])
 settings, dim, steps = pickle.loads((run / "given").read_bytes())
 policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
 train.train(policy, steps, seed=3, run=run)
-weights = {name: module.state_dict() for name, module in policy.modules.items()}
+weights = {name: module.state_dict() for name, module in policy.roles.items()}
 (run / f"weights-{PartialState().process_index}").write_bytes(pickle.dumps(weights))
 """
 
@@ -204,7 +206,7 @@ def test_several_processes_average_their_gradients(prepared, model, tmp_path):
     assert torch.load(tmp_path / "state.pt")["identity"]["processes"] == 2
     alone = Policy(settings, types.SimpleNamespace(dim=model.dim), seed=3)
     train.train(alone, steps, seed=3, run=tmp_path / "alone")
-    for role, module in alone.modules.items():
+    for role, module in alone.roles.items():
         assert all(torch.equal(one[role][name], two[role][name]) for name in one[role])
         assert not all(torch.allclose(one[role][name], value) for name, value in module.state_dict().items())
 
@@ -244,7 +246,7 @@ def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatc
 
 def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(train.config.CONFIGS, "lite", SMALL)
+    monkeypatch.setitem(TransporterConfig.PRESETS, "lite", {"widths": (4, 4, 8, 8), "angles": 12, "batch": 1})
     arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--steps", 2, "--seed", 4)
     with monkeypatch.context() as patch:
         fail_from_the_nth_write(patch, 1, "t.safetensors")
@@ -263,10 +265,9 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
 
 
 def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(train.config.CONFIGS, "lite", dataclasses.replace(SMALL, steps=2))
     command = ["train", str(demo_set[0]), str(tmp_path / "t.safetensors"), "--method", "transporter-lan"]
-    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run")])
-    prepared, honest = [], transporter.TransporterLan.see
+    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run"), "--steps", "2"])
+    prepared, honest = [], transporter.TransporterLan.embed
 
     def stopped_at_the_third(*args):
         prepared.append(1)
@@ -274,7 +275,7 @@ def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypa
             raise KeyboardInterrupt
         return honest(*args)
 
-    monkeypatch.setattr(transporter.TransporterLan, "see", stopped_at_the_third)
+    monkeypatch.setattr(transporter.TransporterLan, "embed", stopped_at_the_third)
     with pytest.raises(SystemExit) as stop:
         train.main()
     assert stop.value.code == 130
@@ -291,13 +292,13 @@ import sys
 from pathlib import Path
 from accelerate import PartialState
 from gem_lite import clip, demonstrations
-from gem_lite.config import LITE
 from gem_lite.learning import train
-from gem_lite.policies.transporter import TransporterLan
+from gem_lite.policies import methods
 run, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
-policy = TransporterLan(LITE, clip.load())
-honest, prepared = policy.see, []
-policy.see = lambda views: prepared.append(1) or honest(views)
+method, settings = methods.find("transporter-lan")
+policy = method(settings, clip.load())
+honest, prepared = policy.embed, []
+policy.embed = lambda views: prepared.append(1) or honest(views)
 steps = train.prepared_steps(policy, demos, run)
 (run / f"found-{PartialState().process_index}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
 """

@@ -1,8 +1,9 @@
+import numpy as np
 import pytest
 
 from gem_lite import colors, tasks
 from gem_lite.clip_training import vocabulary
-from gem_lite.language import VERBS, Phrases, conjuncts, parse
+from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse
 
 
 @pytest.mark.parametrize(
@@ -27,7 +28,7 @@ from gem_lite.language import VERBS, Phrases, conjuncts, parse
     ],
 )
 def test_instructions(instruction, pick, place):
-    assert parse(instruction) == Phrases(pick, place)
+    assert parse(instruction) == Queries(pick, place)
 
 
 @pytest.mark.parametrize(
@@ -42,17 +43,17 @@ def test_instructions(instruction, pick, place):
     ],
 )
 def test_spelling_does_not_matter(written):
-    assert parse(written) == Phrases("red block", "green bowl")
+    assert parse(written) == Queries("red block", "green bowl")
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_begins_an_instruction(verb):
-    assert parse(f"{verb} the red block on the box") == Phrases("red block", "box")
+    assert parse(f"{verb} the red block on the box") == Queries("red block", "box")
 
 
 @pytest.mark.parametrize("color", colors.RGB)
 def test_every_colour_survives(color):
-    assert parse(f"put the {color} blocks in a {color} bowl") == Phrases(f"{color} blocks", f"{color} bowl")
+    assert parse(f"put the {color} blocks in a {color} bowl") == Queries(f"{color} blocks", f"{color} bowl")
 
 
 @pytest.mark.parametrize(
@@ -87,11 +88,11 @@ def test_no_pick_is_called_no_pick():
     "instruction", ["pick the red block and then place it in the box", "pick the red block, place it in the box"]
 )
 def test_other_joints_between_the_verbs(instruction):
-    assert parse(instruction) == Phrases("red block", "box")
+    assert parse(instruction) == Queries("red block", "box")
 
 
 def test_please_with_a_comma():
-    assert parse("Please, put the red block in the box") == Phrases("red block", "box")
+    assert parse("Please, put the red block in the box") == Queries("red block", "box")
 
 
 @pytest.mark.parametrize(
@@ -164,7 +165,7 @@ def test_what_is_not_understood_is_named(instruction, leftover):
     ],
 )
 def test_other_wordings(instruction, pick, place):
-    assert parse(instruction) == Phrases(pick, place)
+    assert parse(instruction) == Queries(pick, place)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +205,7 @@ def test_other_wordings(instruction, pick, place):
     ],
 )
 def test_sentences_of_the_paper(instruction, pick, place):
-    assert parse(instruction) == Phrases(pick, place)
+    assert parse(instruction) == Queries(pick, place)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +235,7 @@ def test_every_task_says_what_is_parsed(name, world):
 
 @pytest.mark.parametrize("noun", [name for names in vocabulary.NOUNS.values() for name in names])
 def test_every_noun_of_the_vocabulary_can_be_named(noun):
-    assert parse(f"put the red {noun} on the {noun}") == Phrases(f"red {noun.lower()}", noun.lower())
+    assert parse(f"put the red {noun} on the {noun}") == Queries(f"red {noun.lower()}", noun.lower())
 
 
 @pytest.mark.parametrize("color", [name for names in vocabulary.COLORS.values() for name in names])
@@ -246,7 +247,7 @@ def test_parts_may_be_grasped():
     for (name, _), parts in vocabulary.PARTS.items():
         for part in parts:
             if part != "back":  # "the chair by its back": could as well be "put back"
-                assert parse(f"grasp the {name} by its {part} and put it on the tray") == Phrases(
+                assert parse(f"grasp the {name} by its {part} and put it on the tray") == Queries(
                     f"{name} {part}", "tray"
                 )
 
@@ -277,3 +278,21 @@ def test_conjuncts(phrase, members):
 def test_conjuncts_of_nothing_are_refused(phrase):
     with pytest.raises(ValueError, match="phrase must name a thing on both sides of 'and'"):
         conjuncts(phrase)
+
+
+@pytest.mark.parametrize("pick", ["", " ", None, 3, np.zeros((2, 2, 3), np.uint8)])
+def test_a_query_is_a_phrase_or_a_picture(pick):
+    with pytest.raises(ValueError, match="pick must be a phrase or an ImageQuery"):
+        Queries(pick, "bowl")
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (4, 4, 4), (0, 4, 3)])
+def test_what_is_no_picture_is_no_query(shape):
+    with pytest.raises(ValueError, match=r"picture must be \(H, W, 3\) uint8"):
+        ImageQuery(np.zeros(shape, np.uint8))
+    with pytest.raises(ValueError, match="float64"):
+        ImageQuery(np.zeros((4, 4, 3)))
+
+
+def test_queries_are_named_in_figures():
+    assert str(Queries(ImageQuery(np.zeros((4, 4, 3), np.uint8), "this mug"), "bowl")) == "pick this mug, place bowl"

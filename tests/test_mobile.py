@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from gem_lite import clip, tasks
-from gem_lite.config import LITE
 from gem_lite.correlation import correlate
 from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
@@ -182,7 +182,7 @@ def test_a_policy_on_a_gpu_chooses_there(policy, observations):
     sentence = "pick the mug and place into the recycle box"
     here = several_tables.choose(policy, observations, sentence)
     there = several_tables.choose(Policy(MOBILE, policy.clip, seed=0).to("cuda"), observations, sentence)
-    assert there.inputs.image.device.type == "cpu"
+    assert there.inputs.rgbd.device.type == "cpu"
     assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
 
 
@@ -378,7 +378,7 @@ def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy)
     action = task.expert(two_tables).action
     driving.act(two_tables, choice(0, action.pick, 0, action.place), driving.by_truth)
     second = several_tables.choose(on_this_table, two_tables.observe(), task.instruction)
-    assert first.phrases.pick != second.phrases.pick
+    assert first.queries.pick != second.queries.pick
 
 
 # object-sorting

@@ -28,9 +28,9 @@ def cells(*means):
 
 
 def sample(pick_map):
-    image = torch.cat([torch.zeros(RGBD, *W.shape), torch.full((2, *W.shape), pick_map)])
+    semantic = torch.full((1, *W.shape), pick_map)
     return Sample(
-        image=image, pick_words=torch.zeros(1), place_words=torch.zeros(1), pick=(40.0, 20.0), place=(80.0, 40.0),
+        rgbd=torch.zeros(RGBD, *W.shape), maps={"pick": semantic}, pick=(40.0, 20.0), place=(80.0, 40.0),
         pick_yaw=0.3, delta=0.0, pick_symmetry=0.0, place_symmetry=0.0,
     )  # fmt: skip
 
@@ -104,12 +104,11 @@ def test_losses_are_smoothed_and_have_a_colour_for_each_method():
 
 
 def test_samples_show_recoloured_picture_and_true_map():
-    image = torch.zeros(6, *W.shape)
-    image[0, 5, 7], image[RGBD, 5, 7] = 0.5, 1.0
-    words = torch.zeros(8)
+    rgbd, semantic = torch.zeros(RGBD, *W.shape), torch.zeros(1, *W.shape)
+    rgbd[0, 5, 7], semantic[0, 5, 7] = 0.5, 1.0
     sample = Sample(
-        image=image, pick_words=words, place_words=words, pick=(5, 7), place=(9, 9), pick_yaw=0.0, delta=0.0,
-        pick_symmetry=0.0, place_symmetry=0.0,
+        rgbd=rgbd, maps={"pick": semantic}, pick=(5, 7), place=(9, 9), pick_yaw=0.0, delta=0.0, pick_symmetry=0.0,
+        place_symmetry=0.0,
     )  # fmt: skip
     fig = plot_results.show_samples([sample] * 2, ["one", "two"])
     assert [ax.get_title() for ax in fig.axes if ax.get_title()] == ["one", "two"]

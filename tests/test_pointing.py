@@ -7,12 +7,13 @@ import pytest
 from shapely.geometry import Point
 
 from gem_lite import clip, colors, tasks
-from gem_lite.config import LITE
-from gem_lite.evaluation import pointing, results
-from gem_lite.evaluation.pointing import Pointing, lay_out, point
+from gem_lite.evaluation import pointing, pointing_scenes, results
+from gem_lite.evaluation.pointing import Pointing, point
+from gem_lite.evaluation.pointing_scenes import lay_out
 from gem_lite.learning import calibrating
 from gem_lite.maps import crop_memory
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
+from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import shapes
@@ -28,7 +29,7 @@ def model():
 @pytest.fixture(scope="module")
 def scenes(world):
     """A scene of each kind that no result is made of."""
-    return {kind: lay_out(kind, world, SEED) for kind in pointing.KINDS}
+    return {kind: lay_out(kind, world, SEED) for kind in pointing_scenes.KINDS}
 
 
 def peak_at(x, y):
@@ -39,7 +40,7 @@ def peak_at(x, y):
     return semantic
 
 
-@pytest.mark.parametrize("kind", pointing.KINDS)
+@pytest.mark.parametrize("kind", pointing_scenes.KINDS)
 def test_a_seed_makes_one_scene(world, scenes, kind):
     again, other = lay_out(kind, world, SEED), lay_out(kind, world, SEED + 1)
     assert again.questions == scenes[kind].questions
@@ -50,17 +51,17 @@ def test_a_seed_makes_one_scene(world, scenes, kind):
 
 def test_pieces_differ_in_colour_or_shape_and_two_are_asked_for(world, scenes):
     # Ten of 140 pairs drawn without care would meet in about one scene of four.
-    for scene in [scenes["shapes"], *(pointing.lay_out_shapes(world, SEED + i) for i in range(2, 8))]:
-        assert len(scene.names) == len(set(scene.names.values())) == pointing.PIECES
+    for scene in [scenes["shapes"], *(pointing_scenes.lay_out_shapes(world, SEED + i) for i in range(2, 8))]:
+        assert len(scene.names) == len(set(scene.names.values())) == pointing_scenes.PIECES
         assert {name.split()[0] for name in scene.names.values()} <= set(colors.UNSEEN)
-        assert len(set(scene.questions)) == pointing.QUESTIONS
+        assert len(set(scene.questions)) == pointing_scenes.QUESTIONS
         assert all(len(scene.right(name)) == 1 and phrase == name for phrase, name in scene.questions)
 
 
 def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
     counts = set()
     for seed in range(SEED, SEED + 4):
-        scene = pointing.lay_out_bowls(world, seed)
+        scene = pointing_scenes.lay_out_bowls(world, seed)
         (pick, block), (place, bowl) = scene.questions
         assert (pick, place) == (f"{block}s", bowl)
         assert world.task.instruction == f"put the {pick} in a {place}"
@@ -73,7 +74,7 @@ def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
     assert len(counts) > 1
 
 
-@pytest.mark.parametrize("kind", pointing.KINDS)
+@pytest.mark.parametrize("kind", pointing_scenes.KINDS)
 def test_masks_lie_where_the_bodies_are(scenes, kind):
     # Tells a mirrored, turned, shifted or half-a-cell wrong mask.
     scene, offsets = scenes[kind], []
@@ -143,7 +144,7 @@ def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, mode
     (known, _), (unknown, _) = scene.questions
     body = next(body for body, name in scene.names.items() if name == known)
     crop = crop_memory.cut(fuse_views(scene.views, LITE.workspace), scene.poses[body], LITE.top_patch)
-    found = pointing.play_scene(scene, model, CropMemory([CropEntry(known, crop, 0)], model))
+    found = pointing.play_scene(scene, model, CropMemory([CropEntry(known, crop, "t", 0)], model))
     assert [p.map for p in found if p.phrase == known] == list(pointing.MAPS)
     assert [p.map for p in found if p.phrase == unknown] == [name for name in pointing.MAPS if name != "image"]
     fused, _, _, _, blended = ((p.row, p.col) for p in found if p.phrase == unknown)
@@ -155,8 +156,8 @@ def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, mode
 
 
 def test_workers_play_as_this_process_does(world, model):
-    seeds = pointing.scene_seeds(1)
-    crops = [CropEntry("blue hexagon", np.full((20, 20, 3), 90, np.uint8), 0)]
+    seeds = pointing_scenes.scene_seeds(1)
+    crops = [CropEntry("blue hexagon", np.full((20, 20, 3), 90, np.uint8), "t", 0)]
     memory = CropMemory(crops, model)
     here = pointing.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
     there = pointing.play("shapes", 1, memory, processes=1)
@@ -179,7 +180,7 @@ def test_rates_of_known_outcomes():
     # A scene counts once, however many of its phrases are left: (1 + 0 + 1/2) / 3.
     assert rate([(0, True), (1, False), (2, True), (2, False)])["mean"] == 50.0
     assert rate([(0, True), (0, True), (0, True), (1, False)])["mean"] == 50.0
-    # Phrases of one scene that hit or miss together make the interval wider than as many scenes would.
+    # Queries of one scene that hit or miss together make the interval wider than as many scenes would.
     together = rate([(seed, seed % 2 == 0) for seed in range(20) for _ in range(10)])["ci95"]
     apart = rate([(seed, seed % 2 == 0) for seed in range(200)])["ci95"]
     assert together[1] - together[0] > 2 * (apart[1] - apart[0])
@@ -208,7 +209,7 @@ def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
 
 
 def test_scenes_are_in_no_evaluation_and_no_calibration():
-    seeds = set(pointing.scene_seeds(1000))
+    seeds = set(pointing_scenes.scene_seeds(1000))
     assert len(seeds) == 1000
     assert not seeds & {tasks.episode_seed("val", index) for index in range(calibrating.SCENES)}
     rows = results.read_rows(results.results_file("put-block-in-bowl-seen-colors"))
@@ -223,7 +224,7 @@ def test_scenes_are_in_no_evaluation_and_no_calibration():
 def test_crops_are_of_training_scenes_in_seen_colours(model, monkeypatch):
     monkeypatch.setattr(pointing, "TRAINING_SCENES", 1)
     memory = pointing.demonstrated_crops("shapes", model)
-    assert len(memory.entries) == pointing.PIECES
+    assert len(memory.entries) == pointing_scenes.PIECES
     assert {entry.phrase.split()[0] for entry in memory.entries} <= set(colors.SEEN)
     side = round(LITE.top_patch / LITE.pixel)
     for entry in memory.entries:
@@ -256,7 +257,7 @@ def test_bad_arguments_are_named(world, model):
 
 def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world):
     for index in range(3):
-        scene = pointing.lay_out_packing(world, "packing-shapes-unseen", index)
+        scene = pointing_scenes.lay_out_packing(world, "packing-shapes-unseen", index)
         assert scene.seed == tasks.episode_seed("test", index)
         (phrase, wanted) = scene.questions[0]
         assert wanted.lower().endswith(phrase) and len(scene.right(wanted)) == 1

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from gem_lite import clip, tasks
-from gem_lite.config import LITE
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluation import evaluate, evaluate_mobile, experiments, failures, pointing, results, statistics
 from gem_lite.evaluation.evaluate import Episode
@@ -14,6 +13,7 @@ from gem_lite.evaluation.results import result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies import methods
 from gem_lite.policies.base import Choice
+from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Action, Pose2
 from gem_lite.simulation.world import World
 from gem_lite.simulation.worlds import WORLDS
@@ -166,7 +166,7 @@ def test_the_plan_holds_each_experiment_once_and_what_the_comparison_needs():
     names = [experiment.name for experiment in PLAN]
     assert len(set(names)) == len(names)
     at_ten = {(e.method, e.seed) for e in PLAN if e.task == experiments.BOWL and e.demos == 10}
-    assert {(m, s) for m in methods.METHODS for s in (0, 1, 2)} <= at_ten
+    assert {(m, s) for m in methods.METHODS.names() for s in (0, 1, 2)} <= at_ten
     assert {e.demos for e in PLAN if (e.method, e.task) == ("gem", experiments.BOWL)} == {1, 5, 10, 20}
 
 
@@ -211,7 +211,7 @@ def test_a_checkpoint_of_another_training_is_not_measured(card):
     for entries, said in (
         ({"demonstrations_world": None}, "demonstrations_world: None there, varied wanted"),
         ({"demos": 10}, "demos: 10 there, 5 wanted"),
-        ({"config": LITE.as_dict() | {"steps": 7}}, "config_hash: "),
+        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash: "),
         ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint: 0 there"),
     ):
         card(experiment, **entries)
@@ -267,7 +267,7 @@ def test_scripted_experiments_know_when_they_are_done(tmp_path, monkeypatch):
     monkeypatch.setattr(results, "RESULTS", tmp_path)
     for method in ("expert", "expert-rounded"):
         experiment = Experiment(method, "bars-in-box", episodes=3)
-        settings = None if method == "expert" else LITE
+        settings = None if method == "expert" else evaluate.LITE
         facts = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, settings)}
         found = [Episode(i, 1.0, 1, ()) for i in range(3)]
         file(result_row(method, "bars-in-box", found, "all", facts | {"world": "shadows"}))

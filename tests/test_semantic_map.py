@@ -5,10 +5,12 @@ import pytest
 import torch
 
 from gem_lite import clip, tasks
-from gem_lite.config import LITE
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
-from gem_lite.maps.semantic_map import PatchGrid, frame_averaged, fuse, patchify, plateau_centre, unpatchify
+from gem_lite.maps.frame_averaging import equivariance_error, frame_averaged
+from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, unpatchify
+from gem_lite.maps.semantic_map import fuse, plateau_centre
+from gem_lite.policies.gem_config import LITE
 
 
 @pytest.fixture(scope="module")
@@ -73,15 +75,15 @@ def test_skipping_unwanted_patches_changes_no_wanted_pixel(model):
     wanted = np.zeros((80, 100), bool)
     wanted[30:45, 20:60] = True
     grid, words = PatchGrid((80, 100), 40, 20), model.embed_texts(["red block"])[0]
-    everything = semantic_map.embed_patches(image, grid, model).score(words)
-    some = semantic_map.embed_patches(image, grid, model, wanted).score(words)
+    everything = embed_patches(image, grid, model).score(words)
+    some = embed_patches(image, grid, model, wanted).score(words)
     assert np.allclose(everything[wanted], some[wanted], atol=1e-5)
 
 
 def test_batch_equals_patch_by_patch(model):
     image = np.random.default_rng(2).integers(0, 255, (80, 80, 3), np.uint8)
     grid = PatchGrid((80, 80), 40, 20)
-    batch = semantic_map.embed_patches(image, grid, model).values
+    batch = embed_patches(image, grid, model).values
     patches = patchify(image, grid)
     for i in range(batch.shape[0]):
         for j in range(batch.shape[1]):
@@ -112,7 +114,7 @@ def test_image_map_finds_the_demonstrated_thing_again(scene_and_truth, model):
     scene, task, action, _ = scene_and_truth
     phrase = f"{task.named_colors[1]} bowl"
     crop = crop_memory.cut(scene.heightmap, action.place, LITE.top_patch)
-    memory = CropMemory([CropEntry(phrase, crop, 0)], model)
+    memory = CropMemory([CropEntry(phrase, crop, "t", 0)], model)
     image = semantic_map.image_conditioned_map(scene, phrase, model, memory)
     row, col = scene.heightmap.workspace.nearest_cell(action.place.x, action.place.y)
     assert image[row, col] > 0.5
@@ -162,9 +164,7 @@ def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):
     other = semantic_map.embed_scene(views, model, LITE)
     before, after = (semantic_map.text_conditioned_map(s, "red block", model) for s in (scene, other))
     assert np.array_equal(before, after)
-    assert np.array_equal(
-        semantic_map.paint_outside(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb
-    )
+    assert np.array_equal(paint_outside(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb)
 
 
 def test_plateau_centre_is_the_middle_of_the_brightest_region():
@@ -193,7 +193,7 @@ def test_plateau_centre_does_not_fall_between_two_objects():
 def square_and_score(scene_and_truth, model):
     image = scene_and_truth[0].heightmap.rgb[40:120]
     words = model.embed_texts(["red block"])[0]
-    return image, lambda picture: semantic_map.embed_patches(picture, PatchGrid((80, 80), 20, 9), model).score(words)
+    return image, lambda picture: embed_patches(picture, PatchGrid((80, 80), 20, 9), model).score(words)
 
 
 @pytest.mark.parametrize("rotations", [4, 8])
@@ -222,10 +222,10 @@ def test_frame_average_leaves_out_what_leaves_the_picture():
 
 def test_equivariance_error_is_0_for_a_score_of_single_pixels_and_not_for_one_of_places():
     image = np.random.default_rng(3).integers(0, 255, (31, 31, 3), np.uint8)
-    assert semantic_map.equivariance_error(lambda picture: picture[..., 0] / 255, image, 4) < 1e-5
+    assert equivariance_error(lambda picture: picture[..., 0] / 255, image, 4) < 1e-5
     ramp = np.tile(np.linspace(0, 1, 31), (31, 1))  # deaf to the picture: its average is 1/2 everywhere
     expected = np.abs(ramp - 0.5).mean()
-    assert np.isclose(semantic_map.equivariance_error(lambda picture: ramp, image, 4), expected, atol=1e-5)
+    assert np.isclose(equivariance_error(lambda picture: ramp, image, 4), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -288,7 +288,7 @@ def test_a_pieces_symmetry_and_grasp_point(shape):
 def test_insertion_names_two_bodies(blind):
     task = lay_out(blind, INSERTION)
     block, fixture = task.named_colors
-    assert language.parse(task.instruction) == language.Phrases(f"{block} l-block", f"{fixture} box")
+    assert language.parse(task.instruction) == language.Queries(f"{block} l-block", f"{fixture} box")
     assert block != fixture and len(blind.bodies) == 2
     assert task.expert(blind).place_symmetry == pytest.approx(2 * math.pi)
 
@@ -341,7 +341,7 @@ def test_an_l_above_the_fixture_is_not_in_it(blind):
 def test_a_bar_is_named_among_others(blind):
     task = lay_out(blind, BARS)
     (color,) = task.named_colors
-    assert language.parse(task.instruction) == language.Phrases(f"{color} bar", "brown box")
+    assert language.parse(task.instruction) == language.Queries(f"{color} bar", "brown box")
     assert sorted(task.names.values()).count(f"{color} bar") == 1
     assert sum(name.endswith("bar") for name in task.names.values()) == bars_in_box.BARS
     assert task.expert(blind).pick_symmetry == pytest.approx(math.pi)

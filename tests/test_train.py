@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from gem_lite import clip, demonstrations
-from gem_lite.config import LITE
 from gem_lite.learning import train
 from gem_lite.policies import base as policy_module
 from gem_lite.policies import methods
 from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.gem import PhraseMaps, Policy, joined
+from gem_lite.policies.gem import Policy, QueryMaps, joined
+from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.samples import PreparedStep
 from gem_lite.se2 import angle_off
 
@@ -28,6 +28,10 @@ def prepare(demos, model, settings):
     policy = Policy(settings, model)
     policy.remember(demos)
     return list(policy.prepare(demos)), policy.memory
+
+
+def same_maps(one, other):
+    return all(torch.equal(semantic, other.maps[role]) for role, semantic in one.maps.items())
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +50,7 @@ def prepared(model, demonstrations_small):
 
 
 def weights(policy: Policy) -> torch.Tensor:
-    return torch.cat([p.detach().flatten() for m in policy.modules.values() for p in m.parameters()])
+    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
 def test_labels_lie_on_the_expert(prepared, demonstrations_small):
@@ -58,17 +62,17 @@ def test_labels_lie_on_the_expert(prepared, demonstrations_small):
     assert sample.pick_yaw == expert.pick.yaw
     assert sample.delta == pytest.approx(expert.delta)
     # The block is really there, in the height channel of the picture.
-    assert sample.image[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
+    assert sample.rgbd[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
 
 
 def test_the_memory_holds_what_every_step_picked(prepared, demonstrations_small):
     steps, memory = prepared
-    assert [entry.episode for entry in memory.entries[::2]] == [
-        i for i, d in enumerate(demonstrations_small) for _ in d.steps
+    assert [entry.key for entry in memory.entries[::2]] == [
+        (d.task, i) for i, d in enumerate(demonstrations_small) for _ in d.steps
     ]
     for step, entry in zip(steps, memory.entries[::2], strict=True):
         row, col = (round(coordinate) for coordinate in step.with_image.pick)
-        centre = (step.with_image.image[:3, row, col].numpy() + 0.2) * 255
+        centre = (step.with_image.rgbd[:3, row, col].numpy() + 0.2) * 255
         assert np.allclose(entry.image[10, 10], centre, atol=0.1)
 
 
@@ -77,22 +81,22 @@ def test_training_retrieval_never_finds_its_own_episode(model, demonstrations_sm
     steps, memory = prepare(demonstrations_small[:1], model, SMALL)
     assert {entry.episode for entry in memory.entries} == {0}
     for step in steps:
-        assert torch.equal(step.with_image.image, step.text_only.image)
+        assert same_maps(step.with_image, step.text_only)
 
 
 def test_image_map_is_used_when_another_episode_has_the_phrase(model, demonstrations_small):
     # The same episode twice, as episodes 0 and 1: each may now find the other.
     steps, _ = prepare([demonstrations_small[0], demonstrations_small[0]], model, SMALL)
-    assert not torch.equal(steps[0].with_image.image[4], steps[0].text_only.image[4])
+    assert not torch.equal(steps[0].with_image.maps["pick"], steps[0].text_only.maps["pick"])
 
 
 def test_batches_hide_the_image_map_now_and_then(prepared):
     steps, _ = prepared
-    black = dataclasses.replace(steps[0].text_only, image=torch.zeros_like(steps[0].text_only.image))
+    black = dataclasses.replace(steps[0].text_only, rgbd=torch.zeros_like(steps[0].text_only.rgbd))
     marked = [dataclasses.replace(step, text_only=black) for step in steps]
     settings = SMALL.ablated("without-map-scaling")
     hidden = [
-        float(train.make_batch(marked, settings, np.random.default_rng(i))[0].image.abs().sum()) == 0 for i in range(60)
+        float(train.make_batch(marked, settings, np.random.default_rng(i))[0].rgbd.abs().sum()) == 0 for i in range(60)
     ]
     assert 5 < sum(hidden) < 40  # drop_image_map is 0.3
 
@@ -141,14 +145,19 @@ def changed(step, **changes):
     return PreparedStep(dataclasses.replace(step.with_image, **changes), step.text_only)
 
 
+def brighter(sample):
+    return dataclasses.replace(sample, maps={name: semantic + 0.5 for name, semantic in sample.maps.items()})
+
+
 @pytest.mark.parametrize(
     "change",
     [
         lambda step: changed(step, pick=(3.0, 4.0)),
         lambda step: changed(step, pick_symmetry=0.0),
-        lambda step: changed(step, pick_words=step.with_image.pick_words + 1),
+        lambda step: changed(step, words=step.with_image.words | {"pick": step.with_image.words["pick"] + 1}),
         lambda step: PreparedStep(
-            step.with_image, dataclasses.replace(step.text_only, image=step.text_only.image + 0.5)
+            step.with_image,
+            dataclasses.replace(step.text_only, maps={n: m + 0.5 for n, m in step.text_only.maps.items()}),
         ),
     ],
     ids=["pick", "symmetry", "words", "text map"],
@@ -177,7 +186,7 @@ def test_help_names_every_method(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         train.main()
     said = capsys.readouterr().out
-    assert all(f"  {name} " in said for name in methods.NAMES)
+    assert all(f"  {name} " in said for name in methods.meanings())
 
 
 def test_the_shipped_policy_does_what_its_demonstrations_show(model):
@@ -285,17 +294,17 @@ def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeyp
 
 def test_the_maps_of_two_things_are_joined_at_one_height():
     red, green = np.array([[0.9, 0.1]], np.float32), np.array([[0.05, 0.2]], np.float32)
-    both = joined([PhraseMaps(red, None, red), PhraseMaps(green, green, green)])
+    both = joined([QueryMaps(red, None, red), QueryMaps(green, green, green)])
     assert np.allclose(both.fused, [[0.9, 0.9]]), "the green thing answers less, and still it is as bright"
     assert np.array_equal(both.image, green)
-    assert joined([PhraseMaps(red, None, red)]).image is None
+    assert joined([QueryMaps(red, None, red)]).image is None
     nothing = np.zeros((1, 2), np.float32)
-    assert np.array_equal(joined([PhraseMaps(red, None, red), PhraseMaps(nothing, None, nothing)]).fused, red)
+    assert np.array_equal(joined([QueryMaps(red, None, red), QueryMaps(nothing, None, nothing)]).fused, red)
 
 
 def test_and_means_two_phrases(prepared, model, demonstrations_small):
     policy = Policy(SMALL, model, prepared[1])
-    scene = policy.see(demonstrations_small[0].steps[0].observation.views)
+    scene = policy.embed(demonstrations_small[0].steps[0].observation.views)
     both = joined([policy.maps(scene, phrase) for phrase in ("green blocks", "blue blocks")]).fused
     assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, both)
     whole = Policy(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
@@ -305,7 +314,7 @@ def test_and_means_two_phrases(prepared, model, demonstrations_small):
 def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
     # One episode alone: every crop in the memory is its own.
     steps, _ = prepare(demonstrations_small[:1], model, dataclasses.replace(SMALL, own_crop=True))
-    assert not any(torch.equal(step.with_image.image, step.text_only.image) for step in steps)
+    assert not any(same_maps(step.with_image, step.text_only) for step in steps)
 
 
 @pytest.mark.parametrize("episodes", ["0", "-1", "3"])

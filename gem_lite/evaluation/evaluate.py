@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import clip, colors, config, tasks
+from gem_lite import clip, colors, tasks
 from gem_lite.config import Config
 from gem_lite.evaluation import results
 from gem_lite.policies import methods
@@ -24,6 +24,8 @@ from gem_lite.se2 import Action, Pose2, angle_bins
 from gem_lite.simulation.world import World, body_at
 from gem_lite.simulation.worlds import WORLDS, WorldStyle
 
+LITE = Config.preset("lite")
+"""Pixels and angles of the scripted methods."""
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
 Actor = Callable[[World, Observation, Sequence[Pose2]], Action | None]
@@ -155,7 +157,7 @@ def style_of(world: str) -> WorldStyle:
     return WORLDS[world]
 
 
-def settings_of(task_name: str, split: tasks.Split, settings: Config = config.LITE) -> Config:
+def settings_of(task_name: str, split: tasks.Split, settings: Config = LITE) -> Config:
     """``settings`` on the table of a task: those of the scripted methods that depend on pixels and angles."""
     return settings.on_table(tasks.make(task_name, split).workspace.length)
 
@@ -170,7 +172,7 @@ def _run_chunk(chunk: tuple[str, Config, Path | None, str | None, str, str, task
 
 def evaluate(
     method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
-    settings: Config = config.LITE, checkpoint: Path | None = None, clip_name: str | None = None,
+    settings: Config = LITE, checkpoint: Path | None = None, clip_name: str | None = None,
     processes: int | None = None, world: str = "home",
 ) -> list[Episode]:  # fmt: skip
     """Run episodes ``start`` .. ``start + episodes - 1`` of a split in a world, one process a core.
@@ -205,7 +207,7 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.evaluation.evaluate --help``."""
     parser = argparse.ArgumentParser(
         description="Measure a policy over test episodes; prints the mean with its 95 % interval and writes the row.",
-        epilog=methods.HELP
+        epilog=methods.help_text()
         + "\n  expert, expert-rounded, random          need no checkpoint; expert-rounded: what rounding alone costs"
         "\n\nexample: python -m gem_lite.evaluation.evaluate gem put-block-in-bowl-unseen-colors "
         "--checkpoint data/gem-put-block-in-bowl.safetensors",

@@ -19,10 +19,11 @@ from pathlib import Path
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
-from gem_lite.config import ABLATIONS, LITE, Config
+from gem_lite.config import Config
 from gem_lite.evaluation import evaluate, pointing, results
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
+from gem_lite.policies.gem_config import ABLATIONS, LITE
 
 FOLDER = Path("runs/experiments")
 BOWL, PYRAMID, PACKING = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"
@@ -43,7 +44,7 @@ class Experiment:
     """A method trained on the first ``demos`` demonstrations of a task, then measured in the world "home".
 
     Attributes:
-        method: see `methods.NAMES`, `evaluate.SCRIPTED` and `pointing.METHOD`; the latter two are not trained.
+        method: see `methods.meanings`, `evaluate.SCRIPTED` and `pointing.METHOD`; the latter two are not trained.
         episodes: test episodes of the task, and as many of its unseen variant if it has one.
         steps: of the training.
         demonstrations_world: the world in which the demonstrations are collected.
@@ -99,8 +100,10 @@ class Experiment:
             return None
         if self.method == pointing.METHOD:
             return LITE
-        settings = evaluate.settings_of(self.task, "test")
-        return settings if self.scripted else replace(methods.find(self.method, settings)[1], steps=self.steps)
+        if self.scripted:
+            return evaluate.settings_of(self.task, "test")
+        _, settings = methods.find(self.method)
+        return evaluate.settings_of(self.task, "test", replace(settings, steps=self.steps))
 
     def training(self) -> dict:
         """What its rows and its checkpoint's card have to say of the training."""
@@ -188,8 +191,8 @@ PLAN = (
         ("without-rotation-augmentation", 10))),
     *(Experiment(f"gem-{ending}", BARS, episodes=50) for ending in (
         "without-rotation-augmentation", "with-free-kernels")),
-    *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS),
-    *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS),
+    *(Experiment(method, BOWL, seed=seed) for seed in (1, 2) for method in methods.METHODS.names()),
+    *(Experiment(method, BOWL, 1, steps=SHORT) for method in methods.METHODS.names()),
     *(Experiment(method, BOWL) for method in TRUE_COLORS),
     *(Experiment(f"gem-{ending}", BOWL, episodes=50) for ending in ABLATIONS if f"gem-{ending}" not in TRUE_COLORS),
     Experiment(pointing.METHOD, PACKING),

@@ -1,13 +1,12 @@
 """The pointing game: zero-shot, the centre of a map's highest plateau must lie on what the phrase names.
 
-After Zhang et al., "Top-down Neural Attention by Excitation Backprop" (ECCV 2016). The simulator's poses
-and masks only score the maps; no map is made with them.
+After Zhang et al., "Top-down Neural Attention by Excitation Backprop" (ECCV 2016). `pointing_scenes` lays out what
+the maps are asked about.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import multiprocessing
 import os
 from collections import defaultdict
@@ -19,24 +18,28 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import clip, colors, config, demonstrations, language, tasks
+from gem_lite import clip, colors, demonstrations, tasks
 from gem_lite.clip import Clip
-from gem_lite.config import Config
 from gem_lite.evaluation import results, statistics
 from gem_lite.evaluation.evaluate import CHUNK, Episode
+from gem_lite.evaluation.pointing_scenes import (
+    KINDS,
+    PACKING,
+    Scene,
+    check_kind,
+    lay_out,
+    lay_out_packing,
+    lay_out_shapes,
+    scene_seeds,
+)
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.maps.semantic_map import SceneEmbedding
+from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
-from gem_lite.se2 import Pose2
-from gem_lite.simulation import shapes
-from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.simulation.world import World
-from gem_lite.tasks.spawn import FreeSpace
 
-KINDS = ("bowls", "shapes")
-"""Cluttered put-block-in-bowl scenes, and scenes of kitting pieces; both in the unseen colours."""
 MATCHED = "matched-single-view"
 """A map from patches of the height map that are as wide as those of `WIDE` are on the table, on average."""
 WIDE = "wide-patches"
@@ -44,47 +47,16 @@ WIDE = "wide-patches"
 MAPS = ("fused", WIDE, "single-view", MATCHED, "image", "blended")
 """The text-conditioned maps of three views (the configuration's patches, and `WIDE`) and of the height map alone (its
 own patches, and `MATCHED`), the image-conditioned one, and Eq. 4."""
-FIRST = 3000
-"""Scene i comes from test seed ``FIRST + i``: evaluations stay below, and calibration uses validation seeds."""
 RADIUS = 0.02
 """A map that points at most this far (metres, in x and y) from a right body's centre is near it: half a block."""
 NEAR = f"within_{1000 * RADIUS:.0f}mm"
-PIECES, QUESTIONS = 10, 2
-"""How many pieces lie in a scene of shapes, and how many of them are asked for."""
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TRAINING_SCENES = 10
 """Scenes of shapes, in seen colours, whose pieces stand for ten demonstrations' picks."""
-PACKING = ("packing-shapes-seen", "packing-shapes-unseen")
-"""Tasks whose episodes the map can be asked about: what the map alone would pick, as a method's rows."""
 METHOD = "map-pointing"
 """The name of those rows."""
 IDENTITY = ("kind", "scenes", "map", "world", "clip_fingerprint", "config", "config_hash", "crops", "plateau")
 """What names a row of the results."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A laid-out scene. Only ``views`` may reach a map, the rest is the simulator's truth and scores it.
-
-    Attributes:
-        seed: what the scene was laid out from.
-        views: the three cameras' RGB-D pictures.
-        above: (H, W) id of the body seen straight from above, per cell of the height map.
-        names: what each body is, such as "red block", by its id.
-        poses: where each body lies, by its id.
-        questions: phrases, each with the name of the bodies that it means.
-    """
-
-    seed: int
-    views: tuple[View, ...]
-    above: np.ndarray
-    names: dict[int, str]
-    poses: dict[int, Pose2]
-    questions: tuple[tuple[str, str], ...]
-
-    def right(self, name: str) -> list[Pose2]:
-        """The poses of all bodies of that name."""
-        return [self.poses[body] for body, its_name in self.names.items() if its_name == name]
 
 
 @dataclass(frozen=True)
@@ -113,49 +85,7 @@ class Pointing:
         return self.distance <= RADIUS
 
 
-def lay_out_bowls(world: World, seed: int, settings: Config = config.LITE) -> Scene:
-    """A put-block-in-bowl scene with its distractors; the instruction's two phrases ask."""
-    task = tasks.make("put-block-in-bowl-unseen-colors", "test")
-    views = world.reset(task, seed).views
-    phrases, (block, bowl) = language.parse(task.instruction), task.named_colors
-    questions = ((phrases.pick, f"{block} block"), (phrases.place, f"{bowl} bowl"))
-    return _scene(world, seed, settings, views, task.names, questions)
-
-
-def lay_out_shapes(
-    world: World, seed: int, settings: Config = config.LITE, palette: Sequence[str] = colors.UNSEEN
-) -> Scene:
-    """`PIECES` kitting pieces at random poses, no two of the same colour and shape; `QUESTIONS` are asked for.
-
-    Raises:
-        RuntimeError: a piece finds no free place (never seen).
-    """
-    rng = np.random.default_rng(seed)
-    pairs = list(itertools.product(palette, shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES))
-    world.clear()
-    free, names = FreeSpace(world.workspace, rng), {}
-    for index in rng.choice(len(pairs), PIECES, replace=False):
-        color, shape = pairs[index]
-        mesh = shapes.piece_mesh(shape)
-        pose = free.sample(float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()))
-        if pose is None:
-            raise RuntimeError(f"the {color} {shape} found no free place")
-        names[world.add(shapes.add_mesh(world.client, mesh, colors.rgba(color), pose)).id] = f"{color} {shape}"
-    world.settle()
-    asked = rng.choice(list(names.values()), QUESTIONS, replace=False).tolist()
-    return _scene(world, seed, settings, world.observe().views, names, tuple(zip(asked, asked, strict=True)))
-
-
-def lay_out_packing(world: World, task_name: str, index: int, settings: Config = config.LITE) -> Scene:
-    """Test episode ``index`` of one of the `PACKING` tasks, as it begins; the pick's phrase asks for its piece."""
-    task, seed = tasks.make(task_name, "test"), tasks.episode_seed("test", index)
-    views = world.reset(task, seed).views
-    phrase = language.parse(task.instruction).pick
-    wanted = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
-    return _scene(world, seed, settings, views, task.names, ((phrase, wanted),))
-
-
-def play_packing(task_name: str, episodes: int, model: Clip, settings: Config = config.LITE) -> list[Episode]:
+def play_packing(task_name: str, episodes: int, model: Clip, settings: GemConfig = LITE) -> list[Episode]:
     """Where the text-conditioned map alone points in the first test episodes; 1 if within `RADIUS`, else 0.
 
     Not `Pointing.exact`: in the middle of a ring lies the table.
@@ -165,43 +95,27 @@ def play_packing(task_name: str, episodes: int, model: Clip, settings: Config = 
     """
     if task_name not in PACKING or episodes < 1:
         raise ValueError(f"needs one of {', '.join(PACKING)} and at least 1 episode, got {task_name!r}, {episodes}")
-    found = []
+    episodes_played = []
     with World() as world:
         for index in tqdm(range(episodes), desc=f"pointing, {task_name}", unit="episode"):
             scene = lay_out_packing(world, task_name, index, settings)
-            embedding, question = semantic_map.embed_scene(scene.views, model, settings), scene.questions[0]
+            question = scene.questions[0]
+            embedding = semantic_map.embed_scene(scene.views, model, settings)
             semantic = semantic_map.text_conditioned_map(embedding, question[0], model)
-            found.append(Episode(index, float(point(semantic, "fused", scene, question, settings).near), 0, ()))
-    return found
+            episodes_played.append(
+                Episode(index, float(point(semantic, "fused", scene, question, settings).near), 0, ())
+            )
+    return episodes_played
 
 
-def _scene(
-    world: World, seed: int, settings: Config, views: tuple[View, ...], names: dict[int, str],
-    questions: tuple[tuple[str, str], ...],
-) -> Scene:  # fmt: skip
-    poses = {body.id: world.pose(body)[0] for body in world.bodies}
-    return Scene(seed, views, bodies_from_above(world.client, settings.workspace), names, poses, questions)
-
-
-def lay_out(kind: str, world: World, seed: int, settings: Config = config.LITE) -> Scene:
-    """A scene of one of the `KINDS`; everything random in it comes from ``seed``."""
-    _check(kind)
-    return (lay_out_bowls if kind == "bowls" else lay_out_shapes)(world, seed, settings)
-
-
-def _check(kind: str) -> None:
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
-
-
-def embed_wide(views: Sequence[View], model: Clip, settings: Config = config.LITE) -> SceneEmbedding:
+def embed_wide(views: Sequence[View], model: Clip, settings: GemConfig = LITE) -> SceneEmbedding:
     """A scene's side views in the paper's patches."""
     return semantic_map.embed_scene(views, model, settings.ablated(f"with-{WIDE}"))
 
 
 def maps(
     embedding: SceneEmbedding, wide: SceneEmbedding, phrase: str, model: Clip, memory: CropMemory | None,
-    settings: Config = config.LITE,
+    settings: GemConfig = LITE,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """All `MAPS` (H, W) of a phrase by name; without "image" where retrieval finds no crop.
 
@@ -211,7 +125,7 @@ def maps(
     text = semantic_map.text_conditioned_map(embedding, phrase, model)
     image = semantic_map.image_conditioned_map(embedding, phrase, model, memory)
     matched = semantic_map.with_top_patches(embedding, model, settings.ablated(f"with-{MATCHED}"))
-    found = {
+    by_name = {
         "fused": text,
         WIDE: semantic_map.text_conditioned_map(wide, phrase, model),
         "single-view": semantic_map.single_view_map(embedding, phrase, model),
@@ -219,11 +133,11 @@ def maps(
         "image": image,
         "blended": semantic_map.fuse(text, image, settings.text_weight, settings.image_weight),
     }
-    return {name: semantic for name, semantic in found.items() if semantic is not None}
+    return {name: semantic for name, semantic in by_name.items() if semantic is not None}
 
 
 def point(
-    semantic: np.ndarray, name: str, scene: Scene, question: tuple[str, str], settings: Config = config.LITE
+    semantic: np.ndarray, name: str, scene: Scene, question: tuple[str, str], settings: GemConfig = LITE
 ) -> Pointing:
     """Where a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
     phrase, wanted = question
@@ -234,7 +148,7 @@ def point(
     return Pointing(scene.seed, phrase, name, row, col, distance, shown, shown == wanted)
 
 
-def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: Config = config.LITE) -> list[Pointing]:
+def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: GemConfig = LITE) -> list[Pointing]:
     """Let every map answer every question of a scene, which is embedded once for each size of patches."""
     embedding = semantic_map.embed_scene(scene.views, model, settings)
     wide = embed_wide(scene.views, model, settings)
@@ -245,28 +159,21 @@ def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: C
     ]
 
 
-def _run_chunk(chunk: tuple[str, list[int], str | None, CropMemory | None, Config]) -> list[Pointing]:
+def _run_chunk(chunk: tuple[str, list[int], str | None, CropMemory | None, GemConfig]) -> list[Pointing]:
     kind, seeds, clip_name, memory, settings = chunk
     torch.set_num_threads(1)
     model = clip.load(clip_name)
     with World() as world:
         return [
-            found
+            pointing
             for seed in seeds
-            for found in play_scene(lay_out(kind, world, seed, settings), model, memory, settings)
+            for pointing in play_scene(lay_out(kind, world, seed, settings), model, memory, settings)
         ]
-
-
-def scene_seeds(scenes: int) -> list[int]:
-    """The seeds of the first ``scenes`` scenes, the same for both kinds."""
-    if scenes < 1:
-        raise ValueError(f"scenes must be at least 1, got {scenes}")
-    return [tasks.episode_seed("test", FIRST + index) for index in range(scenes)]
 
 
 def play(
     kind: str, scenes: int, memory: CropMemory | None, clip_name: str | None = None,
-    settings: Config = config.LITE, processes: int | None = None,
+    settings: GemConfig = LITE, processes: int | None = None,
 ) -> list[Pointing]:  # fmt: skip
     """Play the first ``scenes`` scenes of a kind, one process a core.
 
@@ -277,7 +184,7 @@ def play(
     Raises:
         ValueError: an unknown kind, or less than one scene.
     """
-    _check(kind)
+    check_kind(kind)
     seeds = scene_seeds(scenes)
     _ = clip.load(clip_name).calibration  # Measured here, if it must be, and not by every worker.
     chunks = [(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
@@ -292,20 +199,19 @@ def play(
     return found
 
 
-def demonstrated_crops(kind: str, model: Clip, settings: Config = config.LITE) -> CropMemory:
+def demonstrated_crops(kind: str, model: Clip, settings: GemConfig = LITE) -> CropMemory:
     """The crop memory for a kind of scene, from ten training episodes or scenes in the seen colours."""
-    _check(kind)
+    check_kind(kind)
     if kind == "bowls":
         demos = demonstrations.load(DEMONSTRATIONS)
-        heightmaps = [fuse_views(step.observation.views, settings.workspace) for demo in demos for step in demo.steps]
-        return CropMemory(crop_memory.collect_crops(demos, heightmaps, settings.top_patch), model)
+        return CropMemory(crop_memory.demonstrated_crops(demos, settings.workspace, settings.top_patch), model)
     entries = []
     with World() as world:
         for index in range(TRAINING_SCENES):
             scene = lay_out_shapes(world, tasks.episode_seed("train", index), settings, colors.SEEN)
             heightmap = fuse_views(scene.views, settings.workspace)
             entries += [
-                CropEntry(scene.names[body], crop_memory.cut(heightmap, pose, settings.top_patch), index)
+                CropEntry(scene.names[body], crop_memory.cut(heightmap, pose, settings.top_patch), kind, index)
                 for body, pose in scene.poses.items()
             ]
     return CropMemory(entries, model)
@@ -363,7 +269,7 @@ def main() -> None:
     parser.add_argument("--task", choices=PACKING, help="instead: the test episodes of this task, text map alone")
     results.add_output(parser)
     args = parser.parse_args()
-    settings = config.LITE
+    settings = LITE
     try:
         scene_seeds(args.scenes)
         model = clip.load(args.clip)

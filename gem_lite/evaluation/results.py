@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gem_lite import clip
-from gem_lite.config import LITE, Config
+from gem_lite.config import Config
 from gem_lite.evaluation import statistics
 from gem_lite.files import read_json, write_whole
 
@@ -248,7 +248,7 @@ def select(rows: Sequence[dict], wanted: dict, shown: Sequence[str]) -> list[dic
 
 
 def cell(
-    method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = LITE.steps,
+    method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = Config.steps,
     world: str = "home", **more: object,
 ) -> Cell:  # fmt: skip
     """The filed rows of a method on the test episodes from the first on, pooled over training seeds.

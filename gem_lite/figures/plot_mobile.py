@@ -27,21 +27,20 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
     """The tables and the stitched action maps of pick and place: one scale, one best action over all tables."""
     workspace, count = choice.heightmaps[0].workspace, len(choice.heightmaps)
     width = workspace.shape[1]
-    semantic = choice.inputs.image[:, 4:6].numpy()
     fig, (axes, bars) = plt.subplots(
         2, 5, figsize=(2.1 * count * 2 + 3.5, 3.6), height_ratios=(20, 1), layout="constrained", dpi=80
     )
     bars[0].axis("off")
-    bare(axes[0], "from above").imshow(np.hstack([one.rgb for one in choice.heightmaps]))
+    bare(axes[0], "from above").imshow(np.hstack([heightmap.rgb for heightmap in choice.heightmaps]))
     roles = (
-        ("pick", choice.phrases.pick, choice.pick_logits, choice.pick_table, choice.pick, PICK_COLOR),
-        ("place", choice.phrases.place, choice.place_logits, choice.place_table, choice.place, PLACE_COLOR),
+        ("pick", choice.queries.pick, choice.pick_logits, choice.pick_table, choice.pick, PICK_COLOR),
+        ("place", choice.queries.place, choice.place_logits, choice.place_table, choice.place, PLACE_COLOR),
     )
-    for number, (role, phrase, logits, table, pose, color) in enumerate(roles):
+    for number, (role, query, logits, table, pose, color) in enumerate(roles):
         shifted = Pose2(pose.x + table * width * workspace.pixel, pose.y, pose.yaw)
         draw_gripper(axes[0], shifted, workspace, color)
-        seen = bare(axes[1 + 2 * number], f"semantic map\n{phrase}").imshow(
-            np.hstack(semantic[:, number]), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
+        seen = bare(axes[1 + 2 * number], f"semantic map\n{query}").imshow(
+            np.hstack(choice.inputs.maps[role][:, 0].numpy()), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
         )
         stitched = action_map(stitch(torch.from_numpy(logits)).numpy())
         ax = bare(axes[2 + 2 * number], f"{role}: stitched action map")

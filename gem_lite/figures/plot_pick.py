@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 
 from gem_lite.figures.plot_kernels import SIGNED
 from gem_lite.figures.plots import PICK_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.samples import RGBD, Sample, to_picture
+from gem_lite.policies.samples import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72
@@ -46,8 +46,8 @@ def show_samples(samples: Sequence[Sample], workspace: Workspace) -> Figure:
         2, len(samples), figsize=(1.5 * len(samples), 5.6), squeeze=False, layout="constrained", dpi=DPI
     )
     for i, (column, sample) in enumerate(zip(axes.T, samples, strict=True)):
-        bare(column[0], f"sample {i}").imshow(to_picture(sample.image))
-        shown = bare(column[1]).imshow(sample.image[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
+        bare(column[0], f"sample {i}").imshow(to_picture(sample.rgbd))
+        shown = bare(column[1]).imshow(sample.maps["pick"][0], cmap=SIGNED, vmin=-1.2, vmax=1.2)
         label = Pose2(*workspace.to_world(*sample.pick), sample.pick_yaw)
         for ax in column:
             draw_gripper(ax, label, workspace, PICK_COLOR)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Cell
 from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.samples import RGBD, Sample, to_picture
+from gem_lite.policies.samples import Sample, to_picture
 
 METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2", "cliport-grounded": "C8"}
 """A method's colour in every figure."""
@@ -41,10 +41,10 @@ def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
     """What training sees of GEM's samples: the picture with the demonstrated pixels above the pick's map."""
     fig, axes = plt.subplots(2, len(samples), figsize=(1.5 * len(samples), 5.2), layout="constrained")
     for (above, below), sample, title in zip(axes.T, samples, titles, strict=True):
-        bare(above, title).imshow(to_picture(sample.image))
+        bare(above, title).imshow(to_picture(sample.rgbd))
         for (row, col), color in ((sample.pick, PICK_COLOR), (sample.place, PLACE_COLOR)):
             above.plot(col, row, "o", mfc="none", mec=color, ms=9, mew=2)
-        bare(below).imshow(sample.image[RGBD], cmap=MAP_COLORS, vmin=0, vmax=1)
+        bare(below).imshow(sample.maps["pick"][0], cmap=MAP_COLORS, vmin=0, vmax=1)
     return fig
 
 

@@ -12,8 +12,8 @@ from tqdm import tqdm
 from gem_lite import clip, colors, language, tasks
 from gem_lite.clip import calibration
 from gem_lite.clip.calibration import Calibration
-from gem_lite.config import LITE, Config
 from gem_lite.maps import crop_memory, semantic_map
+from gem_lite.maps.patches import PatchConfig
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
@@ -39,7 +39,7 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
             yield NamedScene(views, ((phrases.pick, action.pick), (phrases.place, action.place)))
 
 
-def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: Config = LITE) -> Calibration:
+def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = PatchConfig()) -> Calibration:
     """Measure a CLIP's numbers: any scenes will do whose phrases and poses are known.
 
     Low is the median of the unscaled maps of the scenes' phrases, high the mean of their peaks. The views of each
@@ -52,8 +52,8 @@ def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: Config = L
     for views, named in tqdm(scenes, desc=f"calibrating {model.name}", unit="scene", leave=False):
         scene = semantic_map.embed_scene(views, model, config)
         for phrase, pose in named:
-            words = model.embed_texts([phrase])[0].cpu()
-            text_maps.append(scene.points.project([side.score(words) for side in scene.sides])[0])
+            words = semantic_map.embed_query(phrase, model)
+            text_maps.append(scene.fuse([side.score(words) for side in scene.sides]))
             crop = crop_memory.cut(scene.heightmap, pose, config.top_patch)
             image_maps.append(scene.top.score(model.embed_images(crop[None])[0].cpu()))
     if not text_maps:
@@ -63,7 +63,7 @@ def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: Config = L
         return float(np.median(maps))
 
     def high(maps: list[np.ndarray]) -> float:
-        return float(np.mean([found.max() for found in maps]))
+        return float(np.mean([scores.max() for scores in maps]))
 
     threshold = retrieval_threshold(model)
     return Calibration(low(text_maps), high(text_maps), low(image_maps), high(image_maps), threshold)
@@ -74,7 +74,7 @@ _PARTS = (
     "spoon head", "spoon handle", "fork tines", "fork handle", "brush bristles", "brush handle", "spatula head",
     "spatula handle", "lamp base", "lamp shade", "chair seat", "chair legs", "mushroom cap", "mushroom stem",
 )  # fmt: skip
-_REWORDED = ("the {}", "a {}", "{}s", "a picture of the {}")
+_REWORDINGS = ("the {}", "a {}", "{}s", "a picture of the {}")
 
 
 def retrieval_phrases() -> list[tuple[str, list[str]]]:
@@ -88,8 +88,8 @@ def retrieval_phrases() -> list[tuple[str, list[str]]]:
         for noun, synonym in _NOUNS.items():
             named = f"{color} {noun}"
             more = [f"{color} {synonym}"] if synonym else []
-            phrases.append((named, [template.format(named) for template in _REWORDED] + more))
-    return phrases + [(part, [template.format(part) for template in _REWORDED]) for part in _PARTS]
+            phrases.append((named, [template.format(named) for template in _REWORDINGS] + more))
+    return phrases + [(part, [template.format(part) for template in _REWORDINGS]) for part in _PARTS]
 
 
 def retrieval_threshold(model: clip.Clip) -> float:
@@ -101,8 +101,9 @@ def retrieval_threshold(model: clip.Clip) -> float:
     reworded = [words for _, rewordings in phrases for words in rewordings]
     owner = np.repeat(np.arange(len(phrases)), [len(rewordings) for _, rewordings in phrases])
     similarity = (model.embed_texts(reworded) @ model.embed_texts([plain for plain, _ in phrases]).T).cpu().numpy()
-    mine = owner[:, None] == np.arange(len(phrases))
-    same, nearest_other = similarity[mine], np.where(mine, -1, similarity).max(axis=1)
+    own = owner[:, None] == np.arange(len(phrases))
+    same = similarity[own]
+    nearest_other = np.where(own, -1, similarity).max(axis=1)
     spread = same.std() + nearest_other.std()
     return float((same.mean() * nearest_other.std() + nearest_other.mean() * same.std()) / spread)
 
@@ -117,11 +118,11 @@ def main() -> None:
     args = parser.parse_args()
     try:
         model = clip.load(args.clip)
-        found = calibrate(model, rendered_scenes())
-        path = calibration.write(model, found)
+        numbers = calibrate(model, rendered_scenes())
+        path = calibration.write(model, numbers)
     except (OSError, ValueError) as error:
         parser.exit(2, f"{error}\n")
-    print(f"{found}\nwrote {path}")
+    print(f"{numbers}\nwrote {path}")
 
 
 if __name__ == "__main__":

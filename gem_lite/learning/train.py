@@ -17,7 +17,7 @@ from accelerate import Accelerator, PartialState
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import clip, config, demonstrations, tasks
+from gem_lite import clip, demonstrations, tasks
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.learning import augment, dataset
@@ -45,7 +45,7 @@ def make_batch(
         step = prepared[rng.integers(len(prepared))]
         sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
         keep = [sample.pick, sample.place]
-        motion = augment.random_motion(rng, tuple(sample.image.shape[-2:]), keep, settings.turn)
+        motion = augment.random_motion(rng, tuple(sample.rgbd.shape[-2:]), keep, settings.turn)
         moved = augment.apply(motion, sample)
         moved = augment.rescaled(rng, moved, settings.map_gain, settings.map_offset)
         batch.append(augment.recolored(rng, moved) if recolor else moved)
@@ -62,7 +62,7 @@ class Losses(nn.Module):
 
     def __init__(self, policy: PickPlacePolicy) -> None:
         super().__init__()
-        self.modules_by_role = nn.ModuleDict(policy.modules)
+        self.modules_by_role = nn.ModuleDict(policy.roles)
         self.losses_of = policy.losses
 
     def forward(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
@@ -78,7 +78,7 @@ class Learner:
     """
 
     def __init__(self, policy: PickPlacePolicy, accelerator: Accelerator) -> None:
-        self.accelerator, self.modules = accelerator, dict(policy.modules)
+        self.accelerator, self.modules = accelerator, dict(policy.roles)
         for module in self.modules.values():
             # Convolutions of few channels run a fifth faster with the channels innermost in memory.
             module.to(accelerator.device, memory_format=torch.channels_last).train()
@@ -212,7 +212,7 @@ def main() -> None:
     """Command line: see ``python -m gem_lite.learning.train --help``."""
     parser = argparse.ArgumentParser(
         description="Train a method from demonstrations.",
-        epilog=methods.HELP + "\n\nexamples:"
+        epilog=methods.help_text() + "\n\nexamples:"
         "\n  python -m gem_lite.learning.train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors"
         "\n  accelerate launch --num_processes 4 -m gem_lite.learning.train "
         "data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors --config paper --device cuda",
@@ -223,7 +223,7 @@ def main() -> None:
     )
     parser.add_argument("checkpoint", type=Path, help="safetensors file to write")
     parser.add_argument("--method", default="gem", help="see below; default gem")
-    parser.add_argument("--config", choices=list(config.CONFIGS), default="lite", help="default lite")
+    parser.add_argument("--config", choices=list(Config.PRESETS), default="lite", help="default lite")
     parser.add_argument("--steps", type=int, help="training steps (default: the configuration's)")
     parser.add_argument("--episodes", type=int, help="use only the first so many demonstrations")
     parser.add_argument("--seed", type=int, default=0, help="seed of weights and draws (default 0)")
@@ -241,8 +241,8 @@ def main() -> None:
         if args.episodes is not None and len(demos) < args.episodes:
             raise ValueError(f"--episodes must be at most {len(demos)}, which {args.demonstrations} holds")
         model = clip.load(args.clip)
-        table = tasks.make(demos[0].task).workspace.length
-        method, settings = methods.find(args.method, config.CONFIGS[args.config].on_table(table))
+        method, settings = methods.find(args.method, args.config)
+        settings = settings.on_table(tasks.make(demos[0].task).workspace.length)
         if args.steps is not None:
             settings = dataclasses.replace(settings, steps=args.steps)
         policy = method(settings, model, seed=args.seed)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -21,6 +22,8 @@ from gem_lite.files import write_whole
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
+EpisodeKey = tuple[str, int]
+"""An episode: its task's name, and its number among the task's demonstrations."""
 ROUNDING = 1e-6
 """How much the cosines of equal phrases may differ: a matrix product rounds some rows another way."""
 
@@ -29,21 +32,32 @@ ROUNDING = 1e-6
 class CropEntry:
     """One event of a demonstration: what was acted on, in words and as a picture (H, W, 3) uint8.
 
-    Raises ValueError for an empty phrase, another kind of picture, or an episode that is no number from 0 on.
+    Attributes:
+        task, episode: which demonstration it comes from (`EpisodeKey`).
+
+    Raises ValueError for an empty phrase or task, another kind of picture, or an episode that is no number from 0 on.
     """
 
     phrase: str
     image: np.ndarray
+    task: str
     episode: int
 
     def __post_init__(self) -> None:
         if not isinstance(self.phrase, str) or not self.phrase.strip():
             raise ValueError(f"phrase must name what was acted on, got {self.phrase!r}")
+        if not isinstance(self.task, str) or not self.task:
+            raise ValueError(f"task must be the name of a task, got {self.task!r}")
         if type(self.episode) is not int or not 0 <= self.episode < 2**63:
             raise ValueError(f"episode must be a number from 0 on, got {self.episode!r}")
         shape, kind = self.image.shape, self.image.dtype
         if len(shape) != 3 or shape[-1] != 3 or 0 in shape or kind != np.uint8:
             raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {kind}")
+
+    @property
+    def key(self) -> EpisodeKey:
+        """The demonstration that it comes from."""
+        return self.task, self.episode
 
 
 class CropMemory:
@@ -67,39 +81,47 @@ class CropMemory:
             raise ValueError(f"entries must hold pictures of one size, got {', '.join(map(str, shapes))}")
         self.keys = clip.embed_texts([entry.phrase for entry in self.entries]).cpu()
         self.values = clip.embed_images(np.stack([entry.image for entry in self.entries])).cpu()
-        self._episodes = torch.tensor([entry.episode for entry in self.entries])
+        self._numbers = {key: number for number, key in enumerate(dict.fromkeys(entry.key for entry in self.entries))}
+        self._episodes = torch.tensor([self._numbers[entry.key] for entry in self.entries])
 
-    def find(self, query: torch.Tensor, exclude_episode: int | None = None) -> tuple[int, float] | None:
+    def find(self, query: torch.Tensor, hidden: EpisodeKey | None = None) -> tuple[int, float] | None:
         """Index and cosine of the nearest phrase to a text embedding (D,); None if nothing may be searched.
 
-        Of equally near phrases the first is found. Raises ValueError for a query of another shape.
+        Of equally near phrases the first is found.
+
+        Args:
+            hidden: an episode whose crops must not be retrieved.
+
+        Raises:
+            ValueError: a query of another shape.
         """
         if query.shape != self.keys.shape[1:]:
             raise ValueError(f"query must have shape {tuple(self.keys.shape[1:])}, got {tuple(query.shape)}")
         similarity = self.keys @ query
-        if exclude_episode is not None:
-            similarity = similarity.masked_fill(self._episodes == exclude_episode, -torch.inf)
+        if hidden in self._numbers:
+            similarity = similarity.masked_fill(self._episodes == self._numbers[hidden], -torch.inf)
         nearest = similarity.max()
         if torch.isinf(nearest):
             return None
         first = int((similarity >= nearest - ROUNDING).int().argmax())
         return first, float(similarity[first])
 
-    def retrieve(
-        self, query: torch.Tensor, threshold: float, exclude_episode: int | None = None
-    ) -> torch.Tensor | None:
+    def retrieve(self, query: torch.Tensor, threshold: float, hidden: EpisodeKey | None = None) -> torch.Tensor | None:
         """QueriedCrop (Eq. 2): the image embedding (D,) of the nearest phrase's crop, None below ``threshold``.
 
         Raises ValueError for a threshold that is no cosine, or a query of another shape.
         """
         if not -1 <= threshold <= 1:
             raise ValueError(f"threshold must be a cosine in [-1, 1], got {threshold}")
-        found = self.find(query, exclude_episode)
-        return self.values[found[0]] if found and found[1] >= threshold else None
+        nearest = self.find(query, hidden)
+        if nearest is None:
+            return None
+        index, cosine = nearest
+        return self.values[index] if cosine >= threshold else None
 
     def pack(self) -> tuple[np.ndarray, list[dict]]:
-        """The pictures (N, H, W, 3) uint8, and for each its phrase and episode, ready for JSON."""
-        labels = [{"phrase": entry.phrase, "episode": entry.episode} for entry in self.entries]
+        """The pictures (N, H, W, 3) uint8, and for each its phrase, task and episode, ready for JSON."""
+        labels = [{"phrase": entry.phrase, "task": entry.task, "episode": entry.episode} for entry in self.entries]
         return np.stack([entry.image for entry in self.entries]), labels
 
     @classmethod
@@ -107,14 +129,14 @@ class CropMemory:
         """The memory that `pack` took apart, embedded by any CLIP.
 
         Raises:
-            ValueError: not one label for each picture, a label without phrase or episode, or a wrong picture.
+            ValueError: not one label for each picture, a label without phrase, task or episode, or a wrong picture.
         """
         count = len(images) if images.ndim else 0
         if not isinstance(labels, list | tuple) or len(labels) != count:
             raise ValueError(f"labels must be one for each of {count} pictures, got {labels!r:.200}")
         for label in labels:
-            if not isinstance(label, dict) or label.keys() != {"phrase", "episode"}:
-                raise ValueError(f"a label must hold a phrase and an episode, got {label!r:.200}")
+            if not isinstance(label, dict) or label.keys() != {"phrase", "task", "episode"}:
+                raise ValueError(f"a label must hold a phrase, a task and an episode, got {label!r:.200}")
         return cls([CropEntry(image=image, **label) for image, label in zip(images, labels, strict=True)], clip)
 
     def save(self, path: Path) -> None:
@@ -160,6 +182,14 @@ def events(trace: Sequence[GripperState]) -> list[tuple[Literal["pick", "place"]
     ]
 
 
+def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeKey, Demonstration]]:
+    """Every demonstration with its key: each task's are numbered from 0 on, so that tasks may be mixed."""
+    counts: Counter[str] = Counter()
+    for demonstration in demonstrations:
+        yield (demonstration.task, counts[demonstration.task]), demonstration
+        counts[demonstration.task] += 1
+
+
 def collect_crops(
     demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float
 ) -> list[CropEntry]:
@@ -172,29 +202,29 @@ def collect_crops(
     Raises:
         ValueError: another number of height maps, or a ``side`` that `cut` refuses.
     """
-    steps = [(episode, step) for episode, demonstration in enumerate(demonstrations) for step in demonstration.steps]
+    steps = [(key, step) for key, demonstration in numbered(demonstrations) for step in demonstration.steps]
     if len(heightmaps) != len(steps):
         raise ValueError(f"heightmaps must be one for each of {len(steps)} steps, got {len(heightmaps)}")
     return [
-        CropEntry(getattr(step.phrases, kind), cut(heightmap, pose, side), episode)
-        for (episode, step), heightmap in zip(steps, heightmaps, strict=True)
+        CropEntry(getattr(step.phrases, kind), cut(heightmap, pose, side), *key)
+        for (key, step), heightmap in zip(steps, heightmaps, strict=True)
         for kind, pose in events(step.trace)
     ]
 
 
-def demonstrated_crops(demonstrations: Sequence[Demonstration], workspace: Workspace, side: float) -> list[CropEntry]:
+def demonstrated_crops(
+    demonstrations: Iterable[Demonstration], workspace: Workspace, side: float
+) -> Iterator[CropEntry]:
     """`collect_crops` of demonstrations whose height maps are made here, one episode at a time.
 
     Raises:
         ValueError: a ``side`` that `cut` refuses.
     """
-    entries = []
-    for episode, demonstration in enumerate(demonstrations):
+    for (task, episode), demonstration in numbered(demonstrations):
         heightmaps = [fuse_views(step.observation.views, workspace) for step in demonstration.steps]
         for crop in collect_crops([demonstration], heightmaps, side):
             # A copy: what `cut` returns would keep the whole height map.
-            entries.append(replace(crop, image=crop.image.copy(), episode=episode))
-    return entries
+            yield replace(crop, image=crop.image.copy(), task=task, episode=episode)
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:

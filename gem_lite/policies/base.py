@@ -1,28 +1,29 @@
 """What every learned method shares: how it reads, acts and is trained; `PickPlacePolicy` is the interface.
 
-A method turns camera views into a `Scene` of its own, a scene and two phrases into `Inputs`, and inputs
+A method turns camera views into a `Scene` of its own, a scene and two queries into `Inputs`, and inputs
 into logits over angles and pixels. All the rest, from the sentence to the gripper and from the
 demonstration to the loss, is the same for all of them and stands here.
 """
 
 from __future__ import annotations
 
-import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Protocol
 
 import numpy as np
 import torch
 from torch import nn
-from tqdm import trange
+from tqdm import tqdm
 
+from gem_lite import config as configuration
 from gem_lite import language
 from gem_lite.clip import Clip
-from gem_lite.config import ABLATIONS, Config
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.maps.crop_memory import CropMemory
+from gem_lite.language import Queries
+from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
+from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies.samples import Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
@@ -30,27 +31,24 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Action, Pose2, angle_bins
 
 
-def numbered_steps(demos: Sequence[Demonstration], label: str = "scenes") -> Iterator[tuple[int, DemonstrationStep]]:
-    """Every step with the number of its episode, one episode at a time: a large set need not fit into memory.
-
-    Args:
-        label: what the progress bar says.
+def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey, DemonstrationStep]]:
+    """Every step with the key of its episode, one episode at a time: a large set need not fit into memory.
 
     Raises:
         ValueError: a step has other cameras than the steps before it.
     """
     expected: set[str] = set()
-    for episode in trange(len(demos), desc=label, unit="episode"):
-        for step in demos[episode].steps:
+    for key, demonstration in tqdm(numbered(demos), "scenes", len(demos), unit="episode"):
+        for step in demonstration.steps:
             cameras = {view.camera.name for view in step.observation.views}
             expected = expected or cameras
             if cameras != expected:
                 raise ValueError(
-                    f"demonstration {episode} (seed {demos[episode].seed}) has a step with the views of "
+                    f"demonstration {key[1]} of {key[0]} (seed {demonstration.seed}) has a step with the views of "
                     f"{', '.join(sorted(cameras))}, where the steps before it have those of "
                     f"{', '.join(sorted(expected))}; leave it out or collect it again"
                 )
-            yield episode, step
+            yield key, step
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class Choice:
     """
 
     instruction: str
-    phrases: language.Phrases
+    queries: Queries
     heightmap: HeightMap
     pick_logits: np.ndarray
     place_logits: np.ndarray
@@ -72,32 +70,50 @@ class Choice:
 
 
 class Scene(Protocol):
-    """What a method made of the camera views before it knows any phrase."""
+    """What a method made of the camera views before it knows any query."""
 
     @property
     def heightmap(self) -> HeightMap:
         """The table from above."""
 
 
-class PickPlacePolicy(ABC):
+class PickPlacePolicy(nn.Module, ABC):
     """A learned method: images and a sentence in, one pick and place out.
+
+    A new method has ``method`` and ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
+    `gem_lite.policies.methods.register` makes it known by its name. The CLIP is no part of the module: it is frozen,
+    and `to` leaves it where it is (`Clip.to`).
 
     Attributes:
         method: the method's name, without what its configuration switches off.
+        Config: the class of its configurations.
         pick, place: its two trainable modules.
         memory: the demonstrations' crops, for a method that retrieves them.
+        parser: what reads instructions.
+
+    Args:
+        seed: of the weights.
 
     Raises:
-        ValueError: the configuration has an ablation that means nothing for this method.
+        ValueError: a configuration of another method.
     """
 
     method: ClassVar[str]
+    Config: ClassVar[type[configuration.Config]]
+    pick: nn.Module
+    place: nn.Module
 
-    def __init__(self, config: Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0) -> None:
-        for ending in config.ablations:
-            if self.method not in ABLATIONS[ending].methods:
-                raise ValueError(f"{ending} changes nothing of {self.method}: it must not name it")
-        self.config, self.clip, self.memory = config, clip, memory
+    def __init__(
+        self, config: configuration.Config, clip: Clip, memory: CropMemory | None = None, seed: int = 0,
+        parser: language.Parser = language.parse,
+    ) -> None:  # fmt: skip
+        super().__init__()
+        if not isinstance(config, self.Config):
+            raise ValueError(f"config of {self.method} must be a {self.Config.__name__}, got {type(config).__name__}")
+        self.config = config
+        self.clip = clip
+        self.memory = memory
+        self.parser = parser
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.pick, self.place = self.build()
@@ -105,13 +121,7 @@ class PickPlacePolicy(ABC):
     @property
     def device(self) -> torch.device:
         """Where the policy's networks are."""
-        return next(self.pick.parameters()).device
-
-    def to(self, device: str | torch.device) -> Self:
-        """Move the networks to a device; the policy acts there. Its CLIP stays where it is (`Clip.to`)."""
-        for module in self.modules.values():
-            module.to(device)
-        return self
+        return next(self.parameters()).device
 
     @property
     def name(self) -> str:
@@ -124,8 +134,8 @@ class PickPlacePolicy(ABC):
         return False
 
     @property
-    def modules(self) -> dict[str, nn.Module]:
-        """What training changes; each module has its own loss and optimizer."""
+    def roles(self) -> dict[str, nn.Module]:
+        """The two trained modules by name; each has its own loss and optimizer."""
         return {"pick": self.pick, "place": self.place}
 
     @abstractmethod
@@ -133,12 +143,12 @@ class PickPlacePolicy(ABC):
         """Fresh pick and place modules of ``config``'s sizes."""
 
     @abstractmethod
-    def see(self, views: Sequence[View]) -> Scene:
-        """All that does not depend on the phrases."""
+    def embed(self, views: Sequence[View]) -> Scene:
+        """All that does not depend on the queries."""
 
     @abstractmethod
-    def inputs(self, scene: Scene, phrases: language.Phrases) -> Inputs:
-        """What the networks see of a scene, given the phrases."""
+    def inputs(self, scene: Scene, queries: Queries) -> Inputs:
+        """What the networks see of a scene that `embed` made, given the queries."""
 
     @abstractmethod
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
@@ -148,36 +158,38 @@ class PickPlacePolicy(ABC):
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of placing at a pixel, turned by an angle, what lies at the pixels ``picks`` (B, 2)."""
 
-    def read(self, instruction: str) -> language.Phrases:
-        """The two phrases that the method gets to know.
+    def read(self, instruction: str | Queries) -> Queries:
+        """The two queries that the method gets to know; ready-made ones stay as they are.
 
         Raises:
-            ValueError: the instruction is empty or names no pick or no place.
+            ValueError: the parser refuses the instruction.
         """
-        phrases = language.parse(instruction)
-        return phrases if self.config.parsing else language.Phrases(instruction, instruction)
+        if isinstance(instruction, Queries):
+            return instruction
+        queries = self.parser(instruction)
+        return queries if self.config.parsing else Queries(instruction, instruction)
 
-    def words(self, phrases: language.Phrases) -> dict[str, torch.Tensor]:
-        """The text embeddings (D,) of `Inputs`."""
-        pick, place = self.clip.embed_texts([phrases.pick])[0].cpu(), self.clip.embed_texts([phrases.place])[0].cpu()
-        return {"pick_words": pick, "place_words": place}
+    def words(self, queries: Queries) -> dict[str, torch.Tensor]:
+        """The queries' embeddings (D,), as `Inputs` holds them: "pick" and "place"."""
+        return {"pick": embed_query(queries.pick, self.clip), "place": embed_query(queries.place, self.clip)}
 
-    def remember(self, demos: Sequence[Demonstration]) -> None:  # noqa: B027
-        """Fill the memory with what the demonstrations show, before `prepare`; many methods have none."""
+    def remember(self, demos: Sequence[Demonstration]) -> None:
+        """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""
 
-    def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
-        """Compute once what training does not change, one step at a time.
-
-        Args:
-            start: how many steps to leave out at the beginning.
+    def prepare(self, demos: Sequence[Demonstration]) -> Iterator[PreparedStep]:
+        """What training does not change, computed step by step as it is asked for. `remember` comes first.
 
         Raises:
             ValueError: a step lacks a camera's view, or has one more than the others.
         """
-        for _, step in itertools.islice(numbered_steps(demos), start, None):
-            inputs = self.inputs(self.see(step.observation.views), self.read(step.instruction))
-            sample = label(step, inputs, self.config)
-            yield PreparedStep(sample, sample)
+        for key, step in numbered_steps(demos):
+            yield self.prepare_step(step, key)
+
+    def prepare_step(self, step: DemonstrationStep, key: EpisodeKey) -> PreparedStep:
+        """`prepare` of one step; ``key`` tells which episode it belongs to."""
+        inputs = self.inputs(self.embed(step.observation.views), self.read(step.instruction))
+        sample = label(step, inputs, self.config)
+        return PreparedStep(sample, sample)
 
     def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
         """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""
@@ -195,32 +207,32 @@ class PickPlacePolicy(ABC):
         """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
         return ~near_any(empty_picks, self.config)
 
-    def act(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Action:
+    def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
         """One pick and place.
 
         Args:
+            instruction: a sentence, or what to pick and where to place it: phrases or pictures.
             empty_picks: where the tool has grasped nothing since it last held something, by its own log. The pick
                 keeps away from there (`Config.empty_radius`).
 
         Raises:
-            ValueError: the instruction is empty or names no pick or no place.
+            ValueError: the parser refuses the instruction.
         """
         return self.decide(observation, instruction, empty_picks).action
 
-    def decide(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Choice:
+    def decide(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Choice:
         """`act`, with what the action was read from."""
-        phrases = self.read(instruction)
-        scene = self.see(observation.views)
-        return self.choose(instruction, phrases, scene.heightmap, self.inputs(scene, phrases), empty_picks)
+        queries = self.read(instruction)
+        scene = self.embed(observation.views)
+        return self.choose(str(instruction), queries, scene.heightmap, self.inputs(scene, queries), empty_picks)
 
     @torch.inference_mode()
     def choose(
-        self, instruction: str, phrases: language.Phrases, heightmap: HeightMap, inputs: Inputs,
+        self, instruction: str, queries: Queries, heightmap: HeightMap, inputs: Inputs,
         empty_picks: Sequence[Pose2] = (),
     ) -> Choice:  # fmt: skip
         """The best pick, then the best place for it."""
-        self.pick.eval()
-        self.place.eval()
+        self.eval()
         candidates = self.candidates(inputs, empty_picks)
         inputs = collate([inputs], self.device)
         pick_logits = self.score_pick(inputs)[0].cpu()
@@ -232,12 +244,12 @@ class PickPlacePolicy(ABC):
         # Δ turns the object as it lies, so the gripper ends at its pick yaw + Δ.
         place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
         return Choice(
-            instruction, phrases, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
+            instruction, queries, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
             Action(pick, place),
         )  # fmt: skip
 
 
-def near_any(poses: Sequence[Pose2], config: Config) -> torch.Tensor:
+def near_any(poses: Sequence[Pose2], config: configuration.Config) -> torch.Tensor:
     """(H, W) bool: cells whose centre is nearer than ``config.empty_radius`` to one of ``poses``."""
     workspace = config.workspace
     rows, cols = np.indices(workspace.shape)
@@ -250,4 +262,5 @@ def near_any(poses: Sequence[Pose2], config: Config) -> torch.Tensor:
 
 def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:
     """(angle, row, col) of the largest logit of (R, H, W)."""
-    return tuple(int(i) for i in np.unravel_index(int(logits.argmax()), logits.shape))
+    angle, row, col = np.unravel_index(int(logits.argmax()), logits.shape)
+    return int(angle), int(row), int(col)

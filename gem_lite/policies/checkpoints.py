@@ -11,6 +11,7 @@ from pathlib import Path
 import safetensors.torch
 import torch
 
+from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.files import read_json, write_together
@@ -26,11 +27,7 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
         facts: what the JSON should hold besides configuration, CLIP, versions and date: task, seed,
             demonstrations, data hash, seconds.
     """
-    tensors = {
-        f"{role}.{name}": value.detach().cpu().contiguous()
-        for role, module in policy.modules.items()
-        for name, value in module.named_parameters()
-    }
+    tensors = {name: value.detach().cpu().contiguous() for name, value in policy.named_parameters()}
     entries = []
     if policy.memory is not None:
         images, entries = policy.memory.pack()
@@ -63,11 +60,14 @@ def read_card(path: Path) -> dict:
     return card
 
 
-def load_policy(path: Path, model: Clip, settings: Config | None = None) -> PickPlacePolicy:
+def load_policy(
+    path: Path, model: Clip, settings: Config | None = None, parser: language.Parser = language.parse
+) -> PickPlacePolicy:
     """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
 
     Args:
         settings: if given, the configuration that the checkpoint must have.
+        parser: what the policy reads instructions with.
 
     Raises:
         FileNotFoundError: no such checkpoint.
@@ -79,12 +79,17 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
     try:
-        method, found = methods.of_card(card)
+        method, config = methods.of_card(card)
     except ValueError as error:
         raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
-    if settings is not None and settings != found:
-        old, new = found.as_dict(), settings.as_dict()
-        differ = [f"{key}: {old[key]!r} there, {new[key]!r} asked for" for key in new if old[key] != new[key]]
+    if settings is not None and settings != config:
+        stored = config.as_dict()
+        wanted = settings.as_dict()
+        differ = [
+            f"{key}: {stored.get(key)!r} there, {wanted.get(key)!r} asked for"
+            for key in stored | wanted
+            if stored.get(key) != wanted.get(key)
+        ]
         raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
     if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
@@ -96,14 +101,13 @@ def load_policy(path: Path, model: Clip, settings: Config | None = None) -> Pick
         memory = None
         if card["memory"]:
             memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
-        policy = method(found, model, memory)
+        policy = method(config, model, memory, parser=parser)
         with torch.no_grad():
-            for role, module in policy.modules.items():
-                for name, value in module.named_parameters():
-                    weight = tensors[f"{role}.{name}"]
-                    if weight.shape != value.shape or not torch.isfinite(weight).all():
-                        raise ValueError(f"{role}.{name} must be finite and of shape {tuple(value.shape)}")
-                    value.copy_(weight)
+            for name, value in policy.named_parameters():
+                weight = tensors[name]
+                if weight.shape != value.shape or not torch.isfinite(weight).all():
+                    raise ValueError(f"{name} must be finite and of shape {tuple(value.shape)}")
+                value.copy_(weight)
     except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
         raise ValueError(
             f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"

@@ -11,26 +11,48 @@ and words, so it need not learn which feature answers to which word.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import nn
+from typing_extensions import override
 
-from gem_lite.config import Config
-from gem_lite.maps.semantic_map import top_grid
+from gem_lite.config import SHARED_ABLATIONS, Ablation
+from gem_lite.language import Queries
+from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import ResidualBlock, UNet, decoder_widths
-from gem_lite.policies.samples import RGBD, Inputs
-from gem_lite.policies.transporter import KeyQuery, TopView, TransporterLan
+from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
+from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig
 from gem_lite.rgbd.camera import View
-from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
+
+
+@dataclass(frozen=True)
+class ClipPortConfig(KeyQueryConfig):
+    """CLIPort's numbers.
+
+    Attributes:
+        top_patch: how much of the height map (m) is enlarged to the size of the pictures that CLIP knows.
+        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
+    """
+
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
+        "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
+        **SHARED_ABLATIONS,
+    }
+
+    top_patch: float = 0.125
+    recolor: bool = True
 
 
 class TwoStream(nn.Module):
     """A spatial U-Net over RGB-D and a semantic decoder that takes each of its levels in by a 1 x 1 convolution."""
 
-    def __init__(self, inputs: int, outputs: int, language_dim: int, config: Config) -> None:
+    def __init__(self, inputs: int, outputs: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         widths = decoder_widths(config.widths)
         self.spatial = UNet(RGBD, outputs, None, config.widths)
@@ -55,14 +77,14 @@ class TwoStream(nn.Module):
 class Projection(nn.Module):
     """CLIPort's way in: a learned convolution of CLIP's features, times a learned projection of the words."""
 
-    def __init__(self, features: int, language_dim: int, config: Config) -> None:
+    def __init__(self, features: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         self.conv = nn.Conv2d(features, self.outputs(config), 3, padding=1)
         self.gate = nn.Linear(language_dim, self.outputs(config))
         nn.init.ones_(self.gate.bias)
 
     @staticmethod
-    def outputs(config: Config) -> int:
+    def outputs(config: ClipPortConfig) -> int:
         """How many channels come out."""
         return 2 * config.widths[-1]
 
@@ -76,12 +98,12 @@ class Projection(nn.Module):
 class Grounding(nn.Module):
     """The product of words and features in the space where CLIP compares the two, then a convolution."""
 
-    def __init__(self, features: int, language_dim: int, config: Config) -> None:
+    def __init__(self, features: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         self.match = nn.Conv2d(language_dim, self.outputs(config), 1)
 
     @staticmethod
-    def outputs(config: Config) -> int:
+    def outputs(config: ClipPortConfig) -> int:
         """How many channels come out."""
         return config.widths[0]
 
@@ -92,29 +114,43 @@ class Grounding(nn.Module):
 
 
 class WithSemantics(nn.Module):
-    """Joins semantic features to RGB-D, then applies a network to both."""
+    """Joins semantic features, made of CLIP's and the words, to RGB-D, then applies a network to both."""
 
     def __init__(self, semantics: Projection | Grounding, network: nn.Module) -> None:
         super().__init__()
         self.semantics = semantics
         self.network = network
 
-    def forward(self, inputs: Inputs, words: torch.Tensor, *more: torch.Tensor) -> torch.Tensor:
-        """``words`` (B, D), and what the network takes ``more``, to what the network gives."""
-        semantics = self.semantics(inputs.coarse, words)
-        fine = F.interpolate(semantics, inputs.image.shape[-2:], mode="bilinear", align_corners=False)
-        return self.network(torch.cat([inputs.image, fine], dim=1), words, *more)
+    def forward(
+        self, rgbd: torch.Tensor, coarse: torch.Tensor, words: torch.Tensor, *more: torch.Tensor
+    ) -> torch.Tensor:
+        """``rgbd`` (B, 4, H, W), ``coarse`` (B, C, h, w), ``words`` (B, D), ``more`` of the network: what it gives."""
+        semantics = self.semantics(coarse, words)
+        fine = F.interpolate(semantics, rgbd.shape[-2:], mode="bilinear", align_corners=False)
+        return self.network(torch.cat([rgbd, fine], dim=1), words, *more)
 
 
-class ClipPort(TransporterLan):
-    """CLIPort at our size: CLIP is frozen, the streams around it are trained."""
+@dataclass(frozen=True)
+class DenseView:
+    """What CLIPort sees before it knows any query: the table from above, and CLIP's features (D, h, w) of it."""
+
+    heightmap: HeightMap
+    features: torch.Tensor
+
+
+class ClipPort(PickPlacePolicy):
+    """A semantic stream from CLIP beside a spatial one: CLIPort at our size."""
 
     method = "cliport"
+    Config = ClipPortConfig
+    config: ClipPortConfig
     Semantics: type[Projection | Grounding] = Projection
 
+    @override
     def build(self) -> tuple[WithSemantics, WithSemantics]:
-        """See `PickPlacePolicy`."""
-        c, words, inputs = self.config, self.clip.dim, self.Semantics.outputs(self.config)
+        c = self.config
+        words = self.clip.dim
+        inputs = self.Semantics.outputs(c)
         pick = TwoStream(inputs, c.angles, words, c)
         place = KeyQuery(*(TwoStream(inputs, c.channels, words, c) for _ in range(2)), c)
         pick, place = (WithSemantics(self.Semantics(self.clip.width, words, c), part) for part in (pick, place))
@@ -122,33 +158,38 @@ class ClipPort(TransporterLan):
 
     @property
     def recolors(self) -> bool:
-        """See `PickPlacePolicy`: CLIP's features keep the true colours."""
+        """Whether training recolours its pictures; CLIP's features keep the true colours."""
         return self.config.recolor
 
-    def see(self, views: Sequence[View]) -> TopView:
-        """See `PickPlacePolicy`."""
+    @override
+    def embed(self, views: Sequence[View]) -> DenseView:
         heightmap = fuse_views(views, self.config.workspace)
-        return TopView(heightmap, self.look(heightmap.rgb, top_grid(self.config).patch))
+        return DenseView(heightmap, self.look(heightmap.rgb, round(self.config.top_patch / self.config.pixel)))
 
     def look(self, picture: np.ndarray, patch: int) -> torch.Tensor:
         """What CLIP says of a picture's places: its features before they are pooled, as in CLIPort."""
         return self.clip.dense_features(picture, patch)
 
-    def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        return self.pick(inputs, inputs.pick_words).float()
+    @override
+    def inputs(self, scene: DenseView, queries: Queries) -> Inputs:
+        return Inputs(rgbd=to_rgbd(scene.heightmap), features={"clip": scene.features}, words=self.words(queries))
 
+    @override
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        return self.pick(inputs.rgbd, inputs.features["clip"], inputs.words["pick"]).float()
+
+    @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        return self.place(inputs, inputs.place_words, picks)
+        return self.place(inputs.rgbd, inputs.features["clip"], inputs.words["place"], picks)
 
 
 class GroundedClipPort(ClipPort):
-    """CLIPort whose semantic stream starts from the answer of CLIP's own comparison."""
+    """CLIPort, told where CLIP finds the words: its own comparison starts the stream. Stronger than the paper's."""
 
     method = "cliport-grounded"
     Semantics = Grounding
 
+    @override
     def look(self, picture: np.ndarray, patch: int) -> torch.Tensor:
         """What CLIP says of a picture's places, where it compares them with words."""
         return self.clip.embed_dense(picture, patch)

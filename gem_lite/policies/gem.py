@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
 from torch import nn
+from typing_extensions import override
 
 from gem_lite import language
-from gem_lite.config import Config
 from gem_lite.correlation import correlate, sample
-from gem_lite.demonstrations import Demonstration
-from gem_lite.maps import semantic_map
-from gem_lite.maps.crop_memory import CropMemory, demonstrated_crops
+from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.language import Queries, Query
+from gem_lite.maps import semantic_map, sources
+from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.semantic_map import SceneEmbedding
-from gem_lite.policies.base import Choice, PickPlacePolicy, numbered_steps
+from gem_lite.policies.base import Choice, PickPlacePolicy
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.policies.samples import RGBD, Inputs, PreparedStep, crop_at, label, to_rgbd
 from gem_lite.rgbd.camera import View
@@ -29,7 +31,7 @@ from gem_lite.steerable import SteerableKernel
 class ActionModule(nn.Module):
     """What pick and place share: (A ⊗ M) correlated with a steerable kernel, sampled at R angles."""
 
-    def __init__(self, config: Config, language_dim: int) -> None:
+    def __init__(self, config: GemConfig, language_dim: int) -> None:
         super().__init__()
         self.config = config
         attention = language_dim if config.language_in_attention else None
@@ -61,7 +63,7 @@ class ActionModule(nn.Module):
 class PickModule(ActionModule):
     """p(pick | observation, language): the kernel comes from the language (Eq. 9)."""
 
-    def __init__(self, config: Config, language_dim: int) -> None:
+    def __init__(self, config: GemConfig, language_dim: int) -> None:
         super().__init__(config, language_dim)
         self.kernel = LanguageKernel(config.kernel, self.kernel_channels, language_dim, config.kernel_widths)
 
@@ -73,7 +75,7 @@ class PickModule(ActionModule):
 class PlaceModule(ActionModule):
     """p(place | observation, language, pick): the kernel comes from the crop at the pick (Eq. 11)."""
 
-    def __init__(self, config: Config, language_dim: int) -> None:
+    def __init__(self, config: GemConfig, language_dim: int) -> None:
         super().__init__(config, language_dim)
         self.kernel = CropKernel(RGBD + 1, self.kernel_channels, config.fields)
 
@@ -85,21 +87,21 @@ class PlaceModule(ActionModule):
 
 
 @dataclass(frozen=True)
-class PhraseMaps:
-    """The semantic maps of one phrase, (H, W) float32; ``image`` is None where no crop was retrieved."""
+class QueryMaps:
+    """The semantic maps of one query, (H, W) float32; ``image`` is None where there is no picture to compare with."""
 
     text: np.ndarray
     image: np.ndarray | None
     fused: np.ndarray
 
 
-def joined(members: Sequence[PhraseMaps]) -> PhraseMaps:
+def joined(members: Sequence[QueryMaps]) -> QueryMaps:
     """The maps of "X and Y": the members' maps are scaled to equally high peaks; each cell gets the largest value.
 
     CLIP may answer less to X than to Y. Without the scaling, X would then be the darker one in the joined map.
     """
     images = [member.image for member in members if member.image is not None]
-    return PhraseMaps(
+    return QueryMaps(
         _scaled_maximum([member.text for member in members]),
         _scaled_maximum(images) if images else None,
         _scaled_maximum([member.fused for member in members]),
@@ -116,7 +118,7 @@ def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
     return np.maximum.reduce(scaled)
 
 
-def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: Config) -> torch.Tensor:
+def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: GemConfig) -> torch.Tensor:
     """The allowed cells beside which a semantic map is at most ``config.peak_margin`` below its highest allowed value.
 
     The networks weigh a map against all else that they see, and may prefer an object on which the map is low. Here the
@@ -154,92 +156,116 @@ class Decision(Choice):
 
 
 class Policy(PickPlacePolicy):
-    """The whole chain of GEM, less what its configuration switches off (Table A2)."""
+    """The paper's method, less what its configuration switches off (Table A2)."""
 
     method = "gem"
+    Config = GemConfig
+    config: GemConfig
+    pick: PickModule
+    place: PlaceModule
 
+    @override
     def build(self) -> tuple[PickModule, PlaceModule]:
-        """See `PickPlacePolicy`."""
         return PickModule(self.config, self.clip.dim), PlaceModule(self.config, self.clip.dim)
+
+    @cached_property
+    def source(self) -> sources.MapSource:
+        """What makes the text-conditioned maps."""
+        return sources.SOURCES.find(self.config.semantic_map)(self.clip, self.config)
+
+    @property
+    def retrieves(self) -> bool:
+        """Whether the maps need the demonstrations' crops."""
+        return self.source.sees and self.config.image_weight > 0
 
     @property
     def recolors(self) -> bool:
-        """See `PickPlacePolicy`."""
-        return self.config.recolor and self.config.semantic_map != "none"
+        """Whether training recolours its pictures; the maps keep the true colours."""
+        return self.config.recolor and self.source.sees
 
-    def see(self, views: Sequence[View]) -> SceneEmbedding:
-        """See `PickPlacePolicy`."""
-        return semantic_map.embed_scene(views, self.clip, self.config)
+    @override
+    def embed(self, views: Sequence[View]) -> SceneEmbedding:
+        return self.source.embed(views)
 
-    def maps(self, scene: SceneEmbedding, phrase: str, exclude_episode: int | None = None) -> PhraseMaps:
-        """A phrase's maps: Eq. 1-4 up to the depth, which belongs to the networks.
+    def maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None = None) -> QueryMaps:
+        """A query's maps: Eq. 1-4 up to the depth, which belongs to the networks.
 
         Args:
-            exclude_episode: an episode whose crops must not be found (training's own).
+            hidden: an episode whose crops must not be retrieved (training's own).
         """
-        if self.config.semantic_map == "none":
-            ones = np.ones(self.config.workspace.shape, np.float32)
-            return PhraseMaps(ones, None, ones)
-        members = language.conjuncts(phrase) if self.config.conjuncts else (phrase,)
-        return joined([self._member_maps(scene, member, exclude_episode) for member in members])
+        if self.config.conjuncts and isinstance(query, str):
+            return joined([self._member_maps(scene, member, hidden) for member in language.conjuncts(query)])
+        return self._member_maps(scene, query, hidden)
 
-    def _member_maps(self, scene: SceneEmbedding, phrase: str, exclude_episode: int | None) -> PhraseMaps:
-        single = self.config.semantic_map == "single-view"
-        text_map = semantic_map.single_view_map if single else semantic_map.text_conditioned_map
-        text = text_map(scene, phrase, self.clip)
-        image = semantic_map.image_conditioned_map(scene, phrase, self.clip, self.memory, exclude_episode)
+    def _member_maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None) -> QueryMaps:
+        text = self.source.map(scene, query)
+        if not self.retrieves:
+            return QueryMaps(text, None, text)
+        image = semantic_map.image_conditioned_map(scene, query, self.clip, self.memory, hidden)
         fused = semantic_map.fuse(text, image, self.config.text_weight, self.config.image_weight)
-        return PhraseMaps(text, image, fused)
+        return QueryMaps(text, image, fused)
 
-    def inputs(self, scene: SceneEmbedding, phrases: language.Phrases) -> Inputs:
-        """See `PickPlacePolicy`."""
-        fused = [self.maps(scene, phrase).fused for phrase in (phrases.pick, phrases.place)]
-        return self._join(scene, fused, phrases)
+    @override
+    def inputs(self, scene: SceneEmbedding, queries: Queries) -> Inputs:
+        pick = self.maps(scene, queries.pick)
+        place = self.maps(scene, queries.place)
+        return self._inputs(scene, queries, pick.fused, place.fused)
 
-    def _join(self, scene: SceneEmbedding, maps: Sequence[np.ndarray], phrases: language.Phrases) -> Inputs:
-        """``image`` (6, H, W): RGB-D, then the pick and the place semantic map."""
-        image = torch.cat([to_rgbd(scene.heightmap), torch.from_numpy(np.stack(maps))])
-        return Inputs(image=image, **self.words(phrases))
+    def _inputs(self, scene: SceneEmbedding, queries: Queries, pick: np.ndarray, place: np.ndarray) -> Inputs:
+        return Inputs(rgbd=to_rgbd(scene.heightmap), maps=_named(pick, place), words=self.words(queries))
 
+    @override
     def remember(self, demos: Sequence[Demonstration]) -> None:
-        """See `PickPlacePolicy`: the crops at the demonstrated picks and places."""
-        if self.config.semantic_map != "none" and self.config.image_weight > 0:
-            self.memory = CropMemory(demonstrated_crops(demos, self.config.workspace, self.config.top_patch), self.clip)
+        """Fill ``memory`` with the demonstrations' crops, if the maps need them."""
+        if self.retrieves:
+            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch)
+            self.memory = CropMemory(crops, self.clip)
 
-    def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
-        """See `PickPlacePolicy`; image-conditioned maps come from what the policy `remember`s."""
-        for episode, step in itertools.islice(numbered_steps(demos, "semantic maps"), start, None):
-            scene = self.see(step.observation.views)
-            phrases = self.read(step.instruction)
-            hidden = None if self.config.own_crop else episode
-            maps = [self.maps(scene, phrase, hidden) for phrase in (phrases.pick, phrases.place)]
-            with_image, text_only = (
-                label(step, self._join(scene, [getattr(found, kind) for found in maps], phrases), self.config)
-                for kind in ("fused", "text")
-            )
-            yield PreparedStep(with_image, text_only)
+    @override
+    def prepare_step(self, step: DemonstrationStep, key: EpisodeKey) -> PreparedStep:
+        if self.retrieves and self.memory is None:
+            raise ValueError(f"{self.name} has no crops to retrieve: call remember with the demonstrations first")
+        scene = self.embed(step.observation.views)
+        queries = self.read(step.instruction)
+        hidden = None if self.config.own_crop else key
+        pick = self.maps(scene, queries.pick, hidden)
+        place = self.maps(scene, queries.place, hidden)
+        with_image = label(step, self._inputs(scene, queries, pick.fused, place.fused), self.config)
+        return PreparedStep(with_image, replace(with_image, maps=_named(pick.text, place.text)))
 
+    @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        return self.pick(inputs.image[:, :RGBD], inputs.image[:, 4:5], inputs.pick_words)
+        return self.pick(inputs.rgbd, inputs.maps["pick"], inputs.words["pick"])
 
+    @override
     def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
-        """See `PickPlacePolicy`; besides, only where the pick's semantic map is near its peak."""
-        return near_peak(inputs.image[RGBD], super().candidates(inputs, empty_picks), self.config)
+        """(H, W) bool: where a pick is allowed; besides, only where its semantic map is near its peak."""
+        return near_peak(inputs.maps["pick"][0], super().candidates(inputs, empty_picks), self.config)
 
+    @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        crop = crop_at(inputs.image[:, : RGBD + 1], picks, self.config.crop)
-        return self.place(inputs.image[:, :RGBD], inputs.image[:, 5:6], inputs.place_words, crop)
+        return self.place(inputs.rgbd, inputs.maps["place"], inputs.words["place"], self.place_crop(inputs, picks))
 
-    def decide(self, observation: Observation, instruction: str, empty_picks: Sequence[Pose2] = ()) -> Decision:
-        """`act`, with every intermediate result."""
-        phrases = self.read(instruction)
-        scene = self.see(observation.views)
-        pick, place = self.maps(scene, phrases.pick), self.maps(scene, phrases.place)
-        inputs = self._join(scene, [pick.fused, place.fused], phrases)
+    def place_crop(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        """What the place's kernel is made from: RGB-D and pick map around the pixels ``picks`` (B, 2), (B, 5, h, h)."""
+        return crop_at(torch.cat([inputs.rgbd, inputs.maps["pick"]], dim=1), picks, self.config.crop)
+
+    @override
+    def decide(
+        self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()
+    ) -> Decision:
+        queries = self.read(instruction)
+        scene = self.embed(observation.views)
+        pick = self.maps(scene, queries.pick)
+        place = self.maps(scene, queries.place)
+        inputs = self._inputs(scene, queries, pick.fused, place.fused)
         return Decision(
-            **vars(self.choose(instruction, phrases, scene.heightmap, inputs, empty_picks)),
+            **vars(self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks)),
             pick_text=pick.text, pick_image=pick.image, pick_map=pick.fused,
             place_text=place.text, place_image=place.image, place_map=place.fused,
         )  # fmt: skip
+
+
+def _named(pick: np.ndarray, place: np.ndarray) -> dict[str, torch.Tensor]:
+    """The maps (H, W) of pick and place as `Inputs` holds them."""
+    return {"pick": torch.from_numpy(pick)[None], "place": torch.from_numpy(place)[None]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ TABLE_LEVEL = 49
 BARE = 0.005
 """Metres below which a cell of the height map shows the bare table."""
 RGBD = 4
+"""Channels of colour and height."""
 
 
 def exposure(heightmap: HeightMap) -> float:
@@ -63,16 +64,19 @@ def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tenso
 class Inputs:
     """What a method's networks see of one scene; all of it frozen, so that training computes it once.
 
+    Batched inputs (`collate`) have one more axis in front of every tensor.
+
     Attributes:
-        image: (C, H, W): RGB-D (`to_rgbd`), then the method's own maps.
-        coarse: (D, h, w) features that cover the same table with fewer cells; D is 0 for methods without.
-        pick_words, place_words: (D,) text embeddings.
+        rgbd: (4, H, W), of `to_rgbd`.
+        maps: semantic maps (1, H, W) by name; a method that has them names its own.
+        features: features (D, h, w) by name, that cover the same table with fewer cells.
+        words: embeddings (D,) of the queries by name.
     """
 
-    image: torch.Tensor
-    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
-    pick_words: torch.Tensor
-    place_words: torch.Tensor
+    rgbd: torch.Tensor
+    maps: dict[str, torch.Tensor] = field(default_factory=dict)
+    features: dict[str, torch.Tensor] = field(default_factory=dict)
+    words: dict[str, torch.Tensor] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +101,8 @@ class Sample(Inputs):
 class PreparedStep:
     """A demonstrated step with all that stays frozen.
 
-    ``with_image`` holds the image-conditioned blend (the text map itself where retrieval, which never
-    finds the step's own episode, found nothing), ``text_only`` the map without it. To a method without
-    image-conditioned maps both are the same.
+    ``with_image`` holds the image-conditioned blend (the text map itself where nothing was retrieved; the step's own
+    episode never is), ``text_only`` the map without it. To a method without image-conditioned maps both are the same.
     """
 
     with_image: Sample
@@ -107,9 +110,20 @@ class PreparedStep:
 
 
 def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
-    """A batch: every tensor of ``several`` with a leading batch axis."""
-    names = ("image", "coarse", "pick_words", "place_words")
-    return Inputs(**{name: torch.stack([getattr(one, name) for one in several]).to(device) for name in names})
+    """A batch: every tensor of ``several`` with a leading batch axis. All must have the same names and shapes."""
+
+    def stacked(tensors: Iterable[torch.Tensor]) -> torch.Tensor:
+        return torch.stack(list(tensors)).to(device)
+
+    def stacked_by_name(entries: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
+        return {name: stacked(entry[name] for entry in entries) for name in entries[0]}
+
+    return Inputs(
+        rgbd=stacked(inputs.rgbd for inputs in several),
+        maps=stacked_by_name([inputs.maps for inputs in several]),
+        features=stacked_by_name([inputs.features for inputs in several]),
+        words=stacked_by_name([inputs.words for inputs in several]),
+    )
 
 
 def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
@@ -140,5 +154,6 @@ def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
 
 def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
     """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
-    right = torch.stack([one[bins, row, col].mean() for one, (bins, row, col) in zip(logits, cells, strict=True)])
+    labelled = zip(logits, cells, strict=True)
+    right = torch.stack([scores[bins, row, col].mean() for scores, (bins, row, col) in labelled])
     return (logits.flatten(1).logsumexp(dim=1) - right).mean()

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 
-from gem_lite import language
+from gem_lite.language import Queries
 from gem_lite.policies import gem
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.gem import ActionModule
-from gem_lite.policies.samples import RGBD, Inputs, collate, crop_at
+from gem_lite.policies.samples import Inputs, collate
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
@@ -35,20 +36,19 @@ def split(cell: tuple[int, int, int], width: int) -> tuple[int, tuple[int, int, 
 
 
 def score_tables(
-    module: ActionModule, inputs: Inputs, semantic: int, words: torch.Tensor, kernel: torch.Tensor
+    module: ActionModule, inputs: Inputs, role: Literal["pick", "place"], kernel: torch.Tensor
 ) -> torch.Tensor:
     """Logits (N, R, H, W) of one kernel against the features of N tables.
 
     Args:
         inputs: of N tables.
-        semantic: the channel of ``inputs.image`` with the phrase's map.
-        words: (N, D), the phrase on every table.
+        role: which of the two queries' maps and words.
         kernel: (1, C, h, h).
     """
     # One table after the other: a batch of convolutions rounds otherwise, and is no faster on a CPU.
     features = [
-        module.features(image[None, :RGBD], image[None, semantic : semantic + 1], phrase[None])
-        for image, phrase in zip(inputs.image, words, strict=True)
+        module.features(rgbd[None], semantic[None], words[None])
+        for rgbd, semantic, words in zip(inputs.rgbd, inputs.maps[role], inputs.words[role], strict=True)
     ]
     return module.score(torch.cat(features), kernel)
 
@@ -62,7 +62,7 @@ class MobileChoice:
     """
 
     instruction: str
-    phrases: language.Phrases
+    queries: Queries
     heightmaps: tuple[HeightMap, ...]
     inputs: Inputs
     pick_logits: np.ndarray
@@ -88,42 +88,42 @@ def check_policy(policy: PickPlacePolicy) -> gem.Policy:
 
 
 @torch.inference_mode()
-def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str) -> MobileChoice:
+def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str | Queries) -> MobileChoice:
     """What to pick from which table, and where to place it on which. The policy's networks compute where they are.
 
     Raises:
-        ValueError: a policy that cannot (`check_policy`); no observation; the instruction is empty or names no pick
-            or no place.
+        ValueError: a policy that cannot (`check_policy`); no observation; the parser refuses the instruction.
     """
     check_policy(policy)
     if not observations:
         raise ValueError("observations is empty: there must be one for each table")
-    phrases = policy.read(instruction)
-    scenes = [policy.see(observation.views) for observation in observations]
-    seen = [policy.inputs(scene, phrases) for scene in scenes]
-    inputs = collate(seen, policy.device)
-    policy.pick.eval()
-    policy.place.eval()
-    workspace, bins = policy.config.workspace, angle_bins(policy.config.angles)
+    queries = policy.read(instruction)
+    scenes = [policy.embed(observation.views) for observation in observations]
+    several = [policy.inputs(scene, queries) for scene in scenes]
+    inputs = collate(several, policy.device)
+    policy.eval()
+    workspace = policy.config.workspace
+    bins = angle_bins(policy.config.angles)
 
-    def best(logits: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
-        panorama = stitch(logits).cpu()
-        cell = tuple(int(i) for i in np.unravel_index(int(panorama.argmax()), panorama.shape))
-        return split(cell, workspace.shape[1])
-
-    words = inputs.pick_words
-    pick_logits = score_tables(policy.pick, inputs, RGBD, words, policy.pick.kernel(words[:1]))
-    semantic = inputs.image[:, RGBD]
+    pick_logits = score_tables(policy.pick, inputs, "pick", policy.pick.kernel(inputs.words["pick"][:1]))
+    semantic = inputs.maps["pick"][:, 0]
     candidates = gem.near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), policy.config)
-    pick_table, (angle, *pixel) = best(pick_logits.masked_fill(~candidates[:, None], -torch.inf))
+    pick_table, (angle, *pixel) = _best(pick_logits.masked_fill(~candidates[:, None], -torch.inf))
     pick = Pose2(*workspace.to_world(*pixel), bins[angle])
-    held = inputs.image[pick_table : pick_table + 1, : RGBD + 1]
-    kernel = policy.place.kernel(crop_at(held, torch.tensor([pixel]), policy.config.crop))
-    place_logits = score_tables(policy.place, inputs, RGBD + 1, inputs.place_words, kernel)
-    place_table, (angle, *pixel) = best(place_logits)
+    held = collate([several[pick_table]], policy.device)
+    kernel = policy.place.kernel(policy.place_crop(held, torch.tensor([pixel])))
+    place_logits = score_tables(policy.place, inputs, "place", kernel)
+    place_table, (angle, *pixel) = _best(place_logits)
     # Δ turns the picture of the one table's crop into the picture of the other table.
     place = Pose2(*workspace.to_world(*pixel), pick.yaw + bins[angle])
     return MobileChoice(
-        instruction, phrases, tuple(scene.heightmap for scene in scenes), collate(seen), pick_logits.numpy(force=True),
-        place_logits.numpy(force=True), pick_table, pick, place_table, place,
+        str(instruction), queries, tuple(scene.heightmap for scene in scenes), collate(several),
+        pick_logits.numpy(force=True), place_logits.numpy(force=True), pick_table, pick, place_table, place,
     )  # fmt: skip
+
+
+def _best(logits: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
+    """The table and its cell (angle, row, column) with the largest of the logits (N, R, H, W)."""
+    panorama = stitch(logits).cpu()
+    angle, row, column = np.unravel_index(int(panorama.argmax()), panorama.shape)
+    return split((int(angle), int(row), int(column)), logits.shape[-1])

@@ -1,6 +1,6 @@
 """Transporter-Lan (A.1.5): Transporter Networks with the language at the bottleneck of every U-Net.
 
-In `lite` it is joined one level higher, too (`Config.joins`).
+In `lite` it is joined one level higher, too (`TransporterConfig.joins`).
 
 The pick is a U-Net's own map, so it moves with the table by 16 pixels and has to learn every angle. The
 place correlates the scene's features (key) with those of the crop at the pick (query). The crop is turned
@@ -13,21 +13,60 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import torch
 import torch.nn.functional as F
 from torch import nn
+from typing_extensions import override
 
-from gem_lite import language
 from gem_lite.config import Config
 from gem_lite.correlation import correlate
+from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
 from gem_lite.policies.samples import RGBD, Inputs, crop_at, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins, rotate_image
+
+
+@dataclass(frozen=True)
+class KeyQueryConfig(Config):
+    """The numbers of methods whose place correlates key and query (`KeyQuery`).
+
+    Attributes:
+        widths: channels of the U-Nets' four levels.
+        channels: channels that key and query share.
+        query: side of the crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
+    """
+
+    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
+        "lite": {},
+        "paper": {**Config.PRESETS["paper"], "widths": (32, 64, 128, 256), "query": 31},
+    }
+
+    widths: tuple[int, ...] = (16, 24, 32, 48)
+    channels: int = 3
+    query: int = 15
+
+
+@dataclass(frozen=True)
+class TransporterConfig(KeyQueryConfig):
+    """Transporter-Lan's numbers.
+
+    Attributes:
+        joins: at how many levels the U-Nets are told the words, from the bottleneck up. The paper's has 1; `lite`'s
+            bottleneck has cells twice as wide, wider than a block, and its next level has the paper's.
+    """
+
+    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
+        "lite": {},
+        "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
+    }
+
+    joins: int = 2
 
 
 def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:
@@ -45,7 +84,7 @@ def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor
     reach = math.ceil(size / math.sqrt(2))
     wide = crop_at(image, pixels, 2 * reach + 1)  # holds the square at any angle
     inside = slice(reach - size // 2, reach + size // 2 + 1)
-    return torch.stack([rotate_image(one[None], angles)[..., inside, inside] for one in wide])
+    return torch.stack([rotate_image(picture[None], angles)[..., inside, inside] for picture in wide])
 
 
 class KeyQuery(nn.Module):
@@ -55,7 +94,7 @@ class KeyQuery(nn.Module):
         encoder, kernel: the key and the query network, (B, C, H, W) and words (B, D) to features (B, F, H, W).
     """
 
-    def __init__(self, encoder: nn.Module, kernel: nn.Module, config: Config) -> None:
+    def __init__(self, encoder: nn.Module, kernel: nn.Module, config: KeyQueryConfig) -> None:
         super().__init__()
         self.encoder, self.kernel, self.size = encoder, kernel, config.query
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
@@ -79,35 +118,37 @@ class KeyQuery(nn.Module):
 
 @dataclass(frozen=True)
 class TopView:
-    """What the baselines see before they know any phrase; ``coarse`` as in `Inputs`."""
+    """What Transporter-Lan sees before it knows any query: the table from above."""
 
     heightmap: HeightMap
-    coarse: torch.Tensor = field(default_factory=lambda: torch.zeros(0, 1, 1))
 
 
 class TransporterLan(PickPlacePolicy):
-    """Transporter Networks with language: nothing of CLIP but its text embeddings."""
+    """Transporter Networks with language: nothing of CLIP but its embeddings of the queries."""
 
     method = "transporter-lan"
+    Config = TransporterConfig
+    config: TransporterConfig
 
+    @override
     def build(self) -> tuple[nn.Module, nn.Module]:
-        """See `PickPlacePolicy`."""
-        c, words = self.config, self.clip.dim
+        c = self.config
+        words = self.clip.dim
         key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
         return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
 
-    def see(self, views: Sequence[View]) -> TopView:
-        """See `PickPlacePolicy`."""
+    @override
+    def embed(self, views: Sequence[View]) -> TopView:
         return TopView(fuse_views(views, self.config.workspace))
 
-    def inputs(self, scene: TopView, phrases: language.Phrases) -> Inputs:
-        """See `PickPlacePolicy`."""
-        return Inputs(image=to_rgbd(scene.heightmap), coarse=scene.coarse, **self.words(phrases))
+    @override
+    def inputs(self, scene: TopView, queries: Queries) -> Inputs:
+        return Inputs(rgbd=to_rgbd(scene.heightmap), words=self.words(queries))
 
+    @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        return self.pick(inputs.image, inputs.pick_words).float()
+        return self.pick(inputs.rgbd, inputs.words["pick"]).float()
 
+    @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        """See `PickPlacePolicy`."""
-        return self.place(inputs.image, inputs.place_words, picks)
+        return self.place(inputs.rgbd, inputs.words["place"], picks)

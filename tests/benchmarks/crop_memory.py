@@ -43,7 +43,7 @@ def main() -> None:
     clip, picture = RandomClip(), np.zeros((20, 20, 3), np.uint8)
     print(f"{clip.dim} numbers an embedding, {torch.get_num_threads()} threads")
     for size in SIZES:
-        memory = CropMemory([CropEntry(f"thing {i}", picture, i) for i in range(size)], clip)
+        memory = CropMemory([CropEntry(f"thing {i}", picture, "t", i) for i in range(size)], clip)
         wanted = size * 2 // 3
         query = functional.normalize(memory.keys[wanted] + 0.3 * clip.embed_texts(["noise"])[0], dim=0)
         fast, by_product = seconds(lambda memory=memory, query=query: memory.retrieve(query, THRESHOLD), REPEATS)

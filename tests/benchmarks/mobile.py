@@ -9,10 +9,10 @@ import torch
 from timing import seconds
 
 from gem_lite import clip, tasks
-from gem_lite.config import LITE
 from gem_lite.policies import several_tables
 from gem_lite.policies.gem import Policy
-from gem_lite.policies.samples import RGBD, collate
+from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.samples import collate
 from gem_lite.simulation.world import World
 
 COUNTS = (1, 2, 4, 8)
@@ -23,11 +23,11 @@ REPEATS = 7
 def main() -> None:
     """Print seconds for each number of tables, and how they grow."""
     policy = Policy(LITE.on_table(1.06), clip.load())
-    policy.pick.eval()
+    policy.eval()
     task = tasks.make("object-sorting-seen", "val")
     with World() as world:
         observation = world.reset(task, tasks.episode_seed("val", 0))
-    inputs = policy.inputs(policy.see(observation.views), policy.read(task.instruction))
+    inputs = policy.inputs(policy.embed(observation.views), policy.read(task.instruction))
     print(f"pick logits of one decision, {torch.get_num_threads()} threads; fastest of {REPEATS}")
     print("  tables   stitched      apart   apart / stitched   largest difference")
     spent = []
@@ -35,8 +35,8 @@ def main() -> None:
         several = collate([inputs] * count)
 
         def stitched(several=several):
-            words = several.pick_words
-            return several_tables.score_tables(policy.pick, several, RGBD, words, policy.pick.kernel(words[:1]))
+            kernel = policy.pick.kernel(several.words["pick"][:1])
+            return several_tables.score_tables(policy.pick, several, "pick", kernel)
 
         one = collate([inputs])
         together, logits = seconds(stitched, REPEATS)

@@ -7,9 +7,9 @@ import torch
 from timing import seconds
 
 from gem_lite import clip, tasks
-from gem_lite.config import LITE
 from gem_lite.maps import semantic_map
-from gem_lite.maps.semantic_map import PatchEmbeddings, PatchGrid, embed_patches, paint_outside, patchify
+from gem_lite.maps.patches import PatchEmbeddings, PatchGrid, embed_patches, paint_outside, patchify
+from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import sort_points
 from gem_lite.simulation.world import World
 

@@ -15,10 +15,10 @@ from timing import seconds
 from torch import nn
 
 from gem_lite import clip, demonstrations
-from gem_lite.config import LITE, PAPER, Config
 from gem_lite.learning.train import make_batch
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.networks import parameter_count
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
@@ -49,7 +49,7 @@ class Clock:
 
 def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
     """The kernel generators and query networks, and the networks that see the whole scene."""
-    for module in policy.modules.values():
+    for module in policy.roles.values():
         named = dict(module.named_modules())
         kernels = [name for name in named if name.split(".")[-1] == "kernel"]
         scene = [name for name in named if name.split(".")[-1] in ("encoder", "refiner", "semantics")]
@@ -71,14 +71,14 @@ def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clo
     for name, loss in losses.items():
         optimizers[name].zero_grad(set_to_none=True)
         clock.timed("backward", loss.backward)
-        nn.utils.clip_grad_norm_(policy.modules[name].parameters(), 1.0)
+        nn.utils.clip_grad_norm_(policy.roles[name].parameters(), 1.0)
         clock.timed("optimizer", optimizers[name].step)
 
 
-def count(name: str, config: Config, dim: int, width: int) -> int:
+def count(name: str, preset: str, dim: int, width: int) -> int:
     """Trainable parameters of a method with a CLIP whose embeddings have ``dim`` numbers, its features ``width``."""
-    policy = methods.METHODS[name](config, types.SimpleNamespace(dim=dim, width=width))
-    return sum(parameter_count(module) for module in policy.modules.values())
+    method, config = methods.find(name, preset)
+    return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width)))
 
 
 def main() -> None:
@@ -86,19 +86,21 @@ def main() -> None:
     model, demos = clip.load(), demonstrations.load(DEMONSTRATIONS)[:2]
     first = demos[0].steps[0]
     print(f"parameters: lite (CLIP of {model.dim} numbers), paper (of {VIT_B_32[0]}), the paper's Table A1")
-    for name in methods.METHODS:
-        lite, paper = count(name, LITE, model.dim, model.width), count(name, PAPER, *VIT_B_32)
+    for name in methods.METHODS.names():
+        lite, paper = count(name, "lite", model.dim, model.width), count(name, "paper", *VIT_B_32)
         print(f"  {name:16s}{lite / 1e6:6.2f} M  {paper / 1e6:6.2f} M   {TABLE_A1[name]}")
     print(
         f"\none training step, batch {LITE.batch}, {torch.get_num_threads()} threads; fastest of {REPEATS}, shares in %"
     )
     print("  method          steps/s" + "".join(f"{part:>13s}" for part in PARTS) + "   one act")
-    for name, method in methods.METHODS.items():
-        policy, clock = method(LITE, model), Clock()
-        prepared = policy.prepare(demos)
-        for module in policy.modules.values():
+    for name in methods.METHODS.names():
+        method, config = methods.find(name)
+        policy, clock = method(config, model), Clock()
+        policy.remember(demos)
+        prepared = list(policy.prepare(demos))
+        for module in policy.roles.values():
             module.to(memory_format=torch.channels_last)
-        optimizers = {role: torch.optim.Adam(m.parameters(), lr=1e-3) for role, m in policy.modules.items()}
+        optimizers = {role: torch.optim.Adam(m.parameters(), lr=1e-3) for role, m in policy.roles.items()}
         watch_parts(policy, clock)
         step_by_parts(policy, prepared, optimizers, clock)
         clock.spent.clear()

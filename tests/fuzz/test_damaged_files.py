@@ -22,14 +22,14 @@ from hypothesis import strategies as st
 
 from gem_lite import clip, demonstrations
 from gem_lite.clip import calibration
-from gem_lite.config import LITE
 from gem_lite.evaluation.results import file_rows, read_rows
 from gem_lite.maps.crop_memory import CropEntry, CropMemory, _digest
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
 
 SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, query=15,
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
 )  # fmt: skip
 ROW = {
     "method": "gem", "task": "bars-in-box", "subset": "all", "episodes": 2, "mean": 50.0, "ci95": [1.3, 98.7],
@@ -64,7 +64,9 @@ def whole(demo_set, model, tmp_path_factory):
     episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=tuple(steps)) for seed in (0, 1)]
     demonstrations.save(episodes, folder / "demos")
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
-    memory = CropMemory([CropEntry("red block", picture, 0), CropEntry("green bowl", picture[::-1], 1)], model)
+    memory = CropMemory(
+        [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
+    )
     memory.save(folder / "memory.safetensors")
     checkpoints.save_policy(Policy(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
     file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
@@ -209,7 +211,7 @@ def damage_checkpoint(draw: Callable, folder: Path) -> None:
 
 
 def read_checkpoint(folder: Path, model: clip.Clip) -> None:
-    assert checkpoints.load_policy(folder / "policy.safetensors", model).modules
+    assert checkpoints.load_policy(folder / "policy.safetensors", model).roles
 
 
 def damage_rows(draw: Callable, folder: Path) -> None:

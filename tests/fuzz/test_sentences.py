@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gem_lite import language
 from gem_lite.clip_training import vocabulary
-from gem_lite.language import PLACING, VERBS, Phrases, conjuncts, parse
+from gem_lite.language import PLACING, VERBS, Queries, conjuncts, parse
 
 NOUNS = tuple(name for names in vocabulary.NOUNS.values() for name in names)
 WORDS = (
@@ -54,7 +54,7 @@ def test_any_sentence_is_parsed_cleanly_or_refused(sentences):
         except ValueError as error:
             assert "put the red block in the green bowl" in str(error)
             continue
-        assert isinstance(phrases, Phrases)
+        assert isinstance(phrases, Queries)
         for phrase in (phrases.pick, phrases.place):
             assert_clean(phrase)
             assert all(conjuncts(phrase)), "what parse returns has members"
@@ -78,4 +78,4 @@ def test_a_plain_sentence_is_always_parsed(pick, placing, place):
     def bare(thing):
         return re.sub("^(the|a) ", "", thing.strip().lower())
 
-    assert parse(f"put {pick} {placing} {place}") == Phrases(bare(pick), bare(place))
+    assert parse(f"put {pick} {placing} {place}") == Queries(bare(pick), bare(place))
