@@ -11,7 +11,7 @@ import torch
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import GripperState
-from gem_lite.maps.crop_memory import CropEntry, CropMemory, collect_crops, cut, events
+from gem_lite.maps.crop_memory import CropEntry, CropMemory, collect_crops, cut, events, numbered
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace, wrap
 
@@ -372,3 +372,18 @@ def test_labels_that_pack_never_made_are_refused(model, labels):
 def test_pictures_without_a_dimension_are_refused(model):
     with pytest.raises(ValueError, match="labels must be one for each of 0 pictures"):
         CropMemory.unpack(np.array(3, np.uint8), [{"phrase": "red block", "episode": 0}], model)
+
+
+def test_tasks_share_a_memory_without_hiding_each_other(model):
+    entries = [CropEntry("red block", picture(i), task, 0) for i, task in enumerate(("pack", "stack"))]
+    memory = CropMemory(entries, model)
+    query = model.embed_texts(["red block"])[0]
+    assert memory.find(query, ("pack", 0))[0] == 1 and memory.find(query, ("stack", 0))[0] == 0
+    assert memory.find(query, ("sort", 0))[0] == 0, "an episode without crops hides nothing"
+
+
+def test_each_task_numbers_its_own_episodes(demo_set):
+    first, second = demo_set[1]
+    other = dataclasses.replace(first, task="other")
+    keys = [key for key, _ in numbered([first, other, second])]
+    assert keys == [(first.task, 0), ("other", 0), (first.task, 1)]

@@ -207,7 +207,7 @@ def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
     sample, orders = dataclasses.replace(sample_with_spot(2, 2), **named(image)), set()
     for seed in range(40):
         drawn = recolored(np.random.default_rng(seed), sample)
-        assert dataclasses.replace(drawn, **named(image)) == sample and torch.equal(channels(drawn)[3:], image[3:])
+        assert dataclasses.replace(drawn, rgbd=sample.rgbd) == sample and torch.equal(channels(drawn)[3:], image[3:])
         ratios = drawn.rgbd[:3, None] / image[None, :3]  # (new, old, H, W): one constant for each new channel
         constant = ratios.flatten(2).std(dim=2) < 1e-4
         assert constant.sum() == 3 and torch.all(constant.sum(dim=0) == 1)

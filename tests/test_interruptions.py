@@ -262,10 +262,9 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
 
 
 def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(train.config.CONFIGS, "lite", dataclasses.replace(SMALL, steps=2))
     command = ["train", str(demo_set[0]), str(tmp_path / "t.safetensors"), "--method", "transporter-lan"]
-    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run")])
-    prepared, honest = [], transporter.TransporterLan.see
+    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run"), "--steps", "2"])
+    prepared, honest = [], transporter.TransporterLan.embed
 
     def stopped_at_the_third(*args):
         prepared.append(1)
@@ -273,7 +272,7 @@ def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypa
             raise KeyboardInterrupt
         return honest(*args)
 
-    monkeypatch.setattr(transporter.TransporterLan, "see", stopped_at_the_third)
+    monkeypatch.setattr(transporter.TransporterLan, "embed", stopped_at_the_third)
     with pytest.raises(SystemExit) as stop:
         train.main()
     assert stop.value.code == 130
@@ -290,13 +289,13 @@ import sys
 from pathlib import Path
 from accelerate import PartialState
 from gem_lite import clip, demonstrations
-from gem_lite.config import LITE
 from gem_lite.learning import train
-from gem_lite.policies.transporter import TransporterLan
+from gem_lite.policies import methods
 run, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
-policy = TransporterLan(LITE, clip.load())
-honest, prepared = policy.see, []
-policy.see = lambda views: prepared.append(1) or honest(views)
+method, settings = methods.find("transporter-lan")
+policy = method(settings, clip.load())
+honest, prepared = policy.embed, []
+policy.embed = lambda views: prepared.append(1) or honest(views)
 steps = train.prepared_steps(policy, demos, run)
 (run / f"found-{PartialState().process_index}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
 """

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
@@ -21,7 +22,7 @@ from safetensors import safe_open
 
 from gem_lite import files
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import PickPlacePolicy, numbered_steps
 from gem_lite.policies.samples import PreparedStep, Sample
 
 
@@ -118,11 +119,17 @@ def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> S
         OSError: a step cannot be written; those before it stay.
     """
     policy.remember(demos)
+    parser = getattr(policy.parser, "__qualname__", type(policy.parser).__qualname__)
     source = {
         "data": demos.digest, "method": policy.name, "config": policy.config.as_dict(),
-        "clip": policy.clip.fingerprint,
+        "clip": policy.clip.fingerprint, "parser": parser,
     }  # fmt: skip
-    return store(lambda start: policy.prepare(demos, start), folder, source, code_digest())
+
+    def steps_from(start: int) -> Iterator[PreparedStep]:
+        for episode, step in itertools.islice(numbered_steps(demos), start, None):
+            yield policy.prepare_step(step, episode)
+
+    return store(steps_from, folder, source, code_digest())
 
 
 def code_digest() -> str:
@@ -180,7 +187,7 @@ def _encode(step: PreparedStep) -> bytes:
         for role in dataclasses.fields(step)
     }
     # One key of metadata only: safetensors keeps no order of several, and equal steps have equal bytes.
-    return safetensors.torch.save(tensors, {"samples": json.dumps(samples, sort_keys=True)})
+    return safetensors.torch.save(tensors, {"samples": json.dumps(samples)})
 
 
 def _decode(path: Path) -> PreparedStep:

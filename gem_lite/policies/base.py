@@ -7,7 +7,6 @@ demonstration to the loss, is the same for all of them and stands here.
 
 from __future__ import annotations
 
-import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -15,7 +15,6 @@ import tempfile
 from pathlib import Path
 
 from gem_lite import clip, demonstrations
-from gem_lite.config import LITE
 from gem_lite.learning import collecting, train
 from gem_lite.policies import methods
 
@@ -29,7 +28,7 @@ GIGABYTE = 1e9
 def measure(folder: Path, count: int, name: str) -> dict:
     """Prepare ``count`` demonstrations and train; how many steps they have, and the most memory (GB) so far."""
     demos = demonstrations.load(folder)[:count]
-    method, settings = methods.find(name, LITE)
+    method, settings = methods.find(name)
     policy = method(dataclasses.replace(settings, steps=TRAINED), clip.load())
     with tempfile.TemporaryDirectory() as run:
         steps = train.prepared_steps(policy, demos, Path(run))

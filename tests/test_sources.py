@@ -1,0 +1,100 @@
+"""Map sources of the library, and one from outside."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gem_lite import clip, tasks
+from gem_lite.language import ImageQuery, Queries
+from gem_lite.maps import crop_memory, semantic_map, sources
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
+from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
+
+
+class Redness(sources.ViewSource):
+    """A toy source: how red each pixel is, whatever is asked for."""
+
+    def score_view(self, embedded, query):
+        red, green, blue = np.moveaxis(embedded.astype(np.float32) / 255, -1, 0)
+        return np.clip(red - np.maximum(green, blue), 0, 1)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def observed(world):
+    """The views of a scene, and the expert's action in it."""
+    task = tasks.make("put-block-in-bowl-seen-colors", "val")
+    views = world.reset(task, tasks.episode_seed("val", 3)).views
+    return views, task.expert(world).action
+
+
+@pytest.fixture
+def redness(monkeypatch):
+    monkeypatch.setattr(sources.SOURCES, "_things", dict(sources.SOURCES._things))
+    monkeypatch.setattr(sources.SOURCES, "_modules", dict(sources.SOURCES._modules))
+    sources.register("redness")(Redness)
+
+
+def test_a_source_from_outside_makes_a_policys_maps(redness, model, observed):
+    views, _ = observed
+    policy = Policy(dataclasses.replace(LITE, semantic_map="redness", image_weight=0.0), model)
+    scene = policy.embed(views)
+    maps = policy.maps(scene, "red block")
+    assert maps.text.shape == LITE.workspace.shape and maps.text.max() > 0.3
+    red = scene.heightmap.rgb.astype(int)
+    shown = red[..., 0] - np.maximum(red[..., 1], red[..., 2]) > 60
+    assert maps.text[shown].mean() > 5 * maps.text[~shown].mean(), "the map is bright where the picture is red"
+
+
+def test_an_unknown_source_is_refused():
+    with pytest.raises(ValueError, match="no map source is named 'redness'"):
+        dataclasses.replace(LITE, semantic_map="redness")
+
+
+def test_the_registered_sources_are_the_functions_of_the_lessons(model, observed):
+    views, _ = observed
+    scene = semantic_map.embed_scene(views, model, LITE)
+    made = {}
+    for name in ("multi-view", "single-view", "none"):
+        source = sources.SOURCES.find(name)(model, LITE)
+        made[name] = source.map(source.embed(views), "red block")
+    assert np.array_equal(made["multi-view"], semantic_map.text_conditioned_map(scene, "red block", model))
+    assert np.array_equal(made["single-view"], semantic_map.single_view_map(scene, "red block", model))
+    assert np.array_equal(made["none"], np.ones(LITE.workspace.shape))
+
+
+def test_a_picture_of_a_thing_points_at_the_thing(model, observed):
+    views, action = observed
+    scene = semantic_map.embed_scene(views, model, LITE)
+    crop = crop_memory.cut(scene.heightmap, action.place, LITE.top_patch)
+    query = ImageQuery(crop, "this bowl")
+    row, col = LITE.workspace.nearest_cell(action.place.x, action.place.y)
+    for made in (
+        semantic_map.single_view_map(scene, query, model),
+        semantic_map.image_conditioned_map(scene, query, model, None),
+    ):
+        assert made[row, col] > 0.5 and np.median(made) < 0.3
+    memory = CropMemory([CropEntry("bowl", crop, "t", 0)], model)
+    by_phrase = semantic_map.image_conditioned_map(scene, "bowl", model, memory)
+    assert np.allclose(by_phrase, semantic_map.image_conditioned_map(scene, query, model, None), atol=1e-6)
+    fused = semantic_map.text_conditioned_map(scene, query, model)
+    assert fused.shape == LITE.workspace.shape and fused[row, col] > np.median(fused) + 0.2
+
+
+def test_a_policy_is_asked_with_pictures(model, observed, world):
+    views, action = observed
+    policy = Policy(LITE, model)
+    scene = policy.embed(views)
+    pick = ImageQuery(crop_memory.cut(scene.heightmap, action.pick, LITE.top_patch), "this block")
+    place = ImageQuery(crop_memory.cut(scene.heightmap, action.place, LITE.top_patch), "this bowl")
+    decision = policy.decide(world.observe(), Queries(pick, place))
+    assert decision.queries.pick is pick and decision.instruction == "pick this block, place this bowl"
+    assert decision.pick_image is not None, "a picture needs no memory"
+    words = policy.words(decision.queries)
+    assert not np.allclose(words["pick"], words["place"])
