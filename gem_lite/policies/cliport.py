@@ -152,9 +152,10 @@ class ClipPort(PickPlacePolicy):
         words = self.clip.dim
         inputs = self.Semantics.outputs(c)
         pick = TwoStream(inputs, c.angles, words, c)
-        place = KeyQuery(*(TwoStream(inputs, c.channels, words, c) for _ in range(2)), c)
-        pick, place = (WithSemantics(self.Semantics(self.clip.width, words, c), part) for part in (pick, place))
-        return pick, place
+        key, query = (TwoStream(inputs, c.channels, words, c) for _ in range(2))
+        place = KeyQuery(key, query, c)
+        before_pick, before_place = (self.Semantics(self.clip.width, words, c) for _ in range(2))
+        return WithSemantics(before_pick, pick), WithSemantics(before_place, place)
 
     @property
     def recolors(self) -> bool:

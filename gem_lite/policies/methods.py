@@ -30,7 +30,7 @@ for _method in (Policy, TransporterLan, ClipPort, GroundedClipPort):
 
 def meanings() -> dict[str, str]:
     """What every method is, and every method with one ending, by its name; a name may have several endings."""
-    plain = {name: inspect.getdoc(METHODS.find(name)).splitlines()[0] for name in METHODS.names()}
+    plain = {name: (inspect.getdoc(METHODS.find(name)) or name).splitlines()[0] for name in METHODS.names()}
     ablated = {
         f"{name}-{ending}": ablation.meaning
         for name in METHODS.names()
