@@ -16,7 +16,7 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.floating_tool import LOG_EVERY, RATE
 
 
-def show_trace(trace: Sequence[GripperState], found: Sequence[tuple[str, Pose2]], heightmap: HeightMap) -> Figure:
+def show_trace(trace: Sequence[GripperState], events: Sequence[tuple[str, Pose2]], heightmap: HeightMap) -> Figure:
     """A gripper's way over the table and its holding signal over time, with the events that its edges mark."""
     w, tint = heightmap.workspace, {"pick": PICK_COLOR, "place": PLACE_COLOR}
     fig, axes = plt.subplots(1, 2, figsize=(8.6, 4.6), width_ratios=[1, 2.4], layout="constrained")
@@ -25,7 +25,7 @@ def show_trace(trace: Sequence[GripperState], found: Sequence[tuple[str, Pose2]]
     holding = np.array([s.holding for s in trace])
     axes[0].plot(cols, rows, color="0.75", lw=1, ls="--", label="empty")
     axes[0].plot(cols[holding], rows[holding], color="white", lw=2, label="holding")
-    for kind, pose in found:
+    for kind, pose in events:
         draw_gripper(axes[0], pose, w, tint[kind], kind)
     axes[0].set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
     axes[0].legend(
@@ -34,7 +34,7 @@ def show_trace(trace: Sequence[GripperState], found: Sequence[tuple[str, Pose2]]
     seconds = np.arange(len(trace)) * LOG_EVERY / RATE
     axes[1].step(seconds, holding, where="post", color="0.3", lw=2)
     edges = np.flatnonzero(np.diff(holding)) + 1
-    for edge, (kind, _) in zip(edges, found, strict=True):
+    for edge, (kind, _) in zip(edges, events, strict=True):
         axes[1].axvline(seconds[edge], color=tint[kind], lw=2, label=f"{kind} at {seconds[edge]:.1f} s")
     axes[1].set(xlabel="seconds", yticks=[0, 1], yticklabels=["empty", "holding"], ylim=(-0.15, 1.15))
     axes[1].set_title("what the suction tool says of itself", fontsize=9)

@@ -7,10 +7,11 @@ demonstration to the loss, is the same for all of them and stands here.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import torch
@@ -149,7 +150,7 @@ class PickPlacePolicy(nn.Module, ABC):
         """All that does not depend on the queries."""
 
     @abstractmethod
-    def inputs(self, scene: Scene, queries: Queries) -> Inputs:
+    def inputs(self, scene: Any, queries: Queries) -> Inputs:
         """What the networks see of a scene that `embed` made, given the queries."""
 
     @abstractmethod

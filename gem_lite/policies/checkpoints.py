@@ -83,14 +83,7 @@ def load_policy(
     except ValueError as error:
         raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
     if settings is not None and settings != config:
-        stored = config.as_dict()
-        wanted = settings.as_dict()
-        differ = [
-            f"{key}: {stored.get(key)!r} there, {wanted.get(key)!r} asked for"
-            for key in stored | wanted
-            if stored.get(key) != wanted.get(key)
-        ]
-        raise ValueError(f"the checkpoint {path} has another configuration ({'; '.join(differ)})")
+        raise ValueError(f"the checkpoint {path} has another configuration ({_differences(config, settings)})")
     if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
             f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
@@ -113,3 +106,14 @@ def load_policy(
             f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
         ) from error
     return policy
+
+
+def _differences(stored: Config, wanted: Config) -> str:
+    """The entries of two configurations that differ, in words."""
+    there = stored.as_dict()
+    asked = wanted.as_dict()
+    return "; ".join(
+        f"{key}: {there.get(key)!r} there, {asked.get(key)!r} asked for"
+        for key in there | asked
+        if there.get(key) != asked.get(key)
+    )

@@ -154,13 +154,10 @@ class ClipPort(PickPlacePolicy):
         words = self.clip.dim
         inputs = self.Semantics.outputs(c)
         pick = TwoStream(inputs, c.angles, words, c)
-        key = TwoStream(inputs, c.channels, words, c)
-        query = TwoStream(inputs, c.channels, words, c)
+        key, query = (TwoStream(inputs, c.channels, words, c) for _ in range(2))
         place = KeyQuery(key, query, c)
-        return (
-            WithSemantics(self.Semantics(self.clip.width, words, c), pick),
-            WithSemantics(self.Semantics(self.clip.width, words, c), place),
-        )
+        before_pick, before_place = (self.Semantics(self.clip.width, words, c) for _ in range(2))
+        return WithSemantics(before_pick, pick), WithSemantics(before_place, place)
 
     @property
     def recolors(self) -> bool:

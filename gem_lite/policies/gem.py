@@ -31,6 +31,8 @@ from gem_lite.steerable.correlation import correlate, sample
 class ActionModule(nn.Module):
     """What pick and place share: (A ⊗ M) correlated with a steerable kernel, sampled at R angles."""
 
+    angles: torch.Tensor
+
     def __init__(self, config: GemConfig, language_dim: int) -> None:
         super().__init__()
         self.config = config
@@ -57,8 +59,8 @@ class ActionModule(nn.Module):
             if self.config.kernels == "steerable":
                 lifted = SteerableKernel.lift(kernel, self.config.rotations, self.config.frequency)
                 return sample(lifted.correlate(features), self.angles)
-            one_or_all = correlate(features, kernel.unflatten(1, (-1, self.config.channels)))
-            return one_or_all.expand(-1, self.config.angles, -1, -1)
+            scores = correlate(features, kernel.unflatten(1, (-1, self.config.channels)))
+            return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel scores every angle alike
 
 
 class PickModule(ActionModule):

@@ -79,13 +79,13 @@ class UNet(nn.Module):
             return torch.cat([x, layer(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])], dim=1)
 
         x = F.relu(self.bottleneck(x if self.language is None else join(self.language, x)))
-        found = []
+        levels = []
         for level, block in enumerate(self.up):
             x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
             x = torch.cat([x, skips.pop()], dim=1)
             x = block(join(self.language_above[level], x) if level < len(self.language_above) else x)
-            found.append(x)
-        return found
+            levels.append(x)
+        return levels
 
     def forward(self, x: torch.Tensor, language: torch.Tensor | None = None) -> torch.Tensor:
         """``x`` (B, inputs, H, W), ``language`` (B, D) to (B, outputs, H, W)."""

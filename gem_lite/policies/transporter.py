@@ -94,6 +94,8 @@ class KeyQuery(nn.Module):
         encoder, kernel: the key and the query network, (B, C, H, W) and words (B, D) to features (B, F, H, W).
     """
 
+    angles: torch.Tensor
+
     def __init__(self, encoder: nn.Module, kernel: nn.Module, config: KeyQueryConfig) -> None:
         super().__init__()
         self.encoder = encoder
