@@ -150,7 +150,8 @@ def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
 
 
 def test_every_task_family_has_a_results_file_of_its_own():
-    files = {name: results.results_file(name).name for name in tasks.names()}
+    own = [name for name in tasks.names() if tasks.family(name) != "sweeping"]  # which another test adds
+    files = {name: results.results_file(name).name for name in own}
     assert (
         files["put-block-in-bowl-unseen-colors"] == files["put-block-in-bowl-seen-colors"] == "put-block-in-bowl.jsonl"
     )

@@ -5,8 +5,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from gem_lite.actions import PickPlace
 from gem_lite.se2 import (
-    Action,
     ImageMotion,
     Pose2,
     Workspace,
@@ -77,7 +77,7 @@ def test_quaternion_turns_x_into_y():
 
 def test_delta_is_place_minus_pick_wrapped():
     def delta(pick, place):
-        return Action(Pose2(0.4, 0.1, pick), Pose2(0.6, -0.3, place)).delta
+        return PickPlace(Pose2(0.4, 0.1, pick), Pose2(0.6, -0.3, place)).delta
 
     assert delta(0.25, 1.0) == pytest.approx(0.75)
     assert delta(1.0, 0.25) == pytest.approx(-0.75)
