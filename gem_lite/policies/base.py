@@ -11,7 +11,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -79,7 +79,10 @@ class Scene(Protocol):
         """The table from above."""
 
 
-class PickPlacePolicy(nn.Module, ABC):
+SceneT = TypeVar("SceneT", bound=Scene)
+
+
+class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
     """A learned method: images and a sentence in, one pick and place out.
 
     A new method has ``method`` and ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
@@ -146,11 +149,11 @@ class PickPlacePolicy(nn.Module, ABC):
         """Fresh pick and place modules of ``config``'s sizes."""
 
     @abstractmethod
-    def embed(self, views: Sequence[View]) -> Scene:
+    def embed(self, views: Sequence[View]) -> SceneT:
         """All that does not depend on the queries."""
 
     @abstractmethod
-    def inputs(self, scene: Any, queries: Queries) -> Inputs:
+    def inputs(self, scene: SceneT, queries: Queries) -> Inputs:
         """What the networks see of a scene that `embed` made, given the queries."""
 
     @abstractmethod

@@ -140,7 +140,7 @@ class DenseView:
     features: torch.Tensor
 
 
-class ClipPort(PickPlacePolicy):
+class ClipPort(PickPlacePolicy[DenseView]):
     """A semantic stream from CLIP beside a spatial one: CLIPort at our size."""
 
     method = "cliport"

@@ -158,7 +158,7 @@ class Decision(Choice):
     place_map: np.ndarray
 
 
-class Policy(PickPlacePolicy):
+class Policy(PickPlacePolicy[SceneEmbedding]):
     """The paper's method, less what its configuration switches off (Table A2)."""
 
     method = "gem"

@@ -128,7 +128,7 @@ class TopView:
     heightmap: HeightMap
 
 
-class TransporterLan(PickPlacePolicy):
+class TransporterLan(PickPlacePolicy[TopView]):
     """Transporter Networks with language: nothing of CLIP but its embeddings of the queries."""
 
     method = "transporter-lan"
