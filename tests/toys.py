@@ -1,0 +1,116 @@
+"""A task, a method, a map source and a parser of somebody else's: nothing of them is known to the library.
+
+CONTRIBUTING.md shows these as the examples of what is added without an edit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import nn
+from typing_extensions import override
+
+from gem_lite import colors, language, tasks
+from gem_lite.config import Config
+from gem_lite.language import Queries, Query
+from gem_lite.maps import sources
+from gem_lite.policies import methods
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
+from gem_lite.policies.transporter import TopView
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.simulation import shapes
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.goals import Goal, PoseMetric
+from gem_lite.simulation.task import Task
+from gem_lite.tasks.spawn import FreeSpace
+
+
+@tasks.register("block-on-plate")
+class BlockOnPlate(Task):
+    """One red block and one white plate; the block belongs on the plate."""
+
+    @override
+    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
+        free = FreeSpace(environment.workspace, rng, environment.style)
+        size = (0.1, 0.1, 0.005)
+        plate = environment.add(
+            shapes.add_box(environment.client, size, colors.rgba("white"), free.take(0.08), movable=False)
+        )
+        block = environment.add(shapes.add_block(environment.client, colors.rgba("red"), free.take(0.03)))
+        self.names = {plate.id: "white plate", block.id: "red block"}
+        return [Goal("red block -> white plate", (block,), (plate,), PoseMetric(0.04), grasp_symmetry=np.pi / 2)]
+
+
+@language.PARSERS.register("arrow")
+def parse_arrow(instruction: str) -> Queries:
+    """ "X -> Y": X is what to pick, Y is where to place it. Raises ValueError for anything else."""
+    match = re.fullmatch(r"(.+) -> (.+)", instruction)
+    if match is None:
+        raise ValueError(f'instruction must be like "red block -> white plate", got {instruction!r}')
+    return Queries(*match.groups())
+
+
+@sources.register("redness")
+class Redness(sources.ViewSource[np.ndarray]):
+    """How red each pixel is, whatever the query."""
+
+    @override
+    def embed_view(self, view: View, inside: np.ndarray) -> np.ndarray:
+        return view.rgb
+
+    @override
+    def score_view(self, embedded: np.ndarray, query: Query) -> np.ndarray:
+        red, green, blue = np.moveaxis(embedded.astype(np.float32) / 255, -1, 0)
+        return np.clip(red - np.maximum(green, blue), 0, 1)
+
+
+@dataclass(frozen=True)
+class OneConvolutionConfig(Config):
+    """The numbers of `OneConvolution`.
+
+    Attributes:
+        size: side of its kernels (pixels, odd).
+    """
+
+    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {**Config.PRESETS, "tiny": {"angles": 4}}
+
+    size: int = 5
+
+
+@methods.register
+class OneConvolution(PickPlacePolicy[TopView]):
+    """Picks and places by one convolution each; it does not listen to words."""
+
+    method = "one-convolution"
+    Config = OneConvolutionConfig
+    config: OneConvolutionConfig
+
+    @override
+    def build(self) -> tuple[nn.Module, nn.Module]:
+        pick, place = (
+            nn.Conv2d(RGBD, self.config.angles, self.config.size, padding=self.config.size // 2) for _ in range(2)
+        )
+        return pick, place
+
+    @override
+    def embed(self, views: Sequence[View]) -> TopView:
+        return TopView(fuse_views(views, self.config.workspace))
+
+    @override
+    def inputs(self, scene: TopView, queries: Queries) -> Inputs:
+        return Inputs(rgbd=to_rgbd(scene.heightmap))
+
+    @override
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        return self.pick(inputs.rgbd)
+
+    @override
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        return self.place(inputs.rgbd)
