@@ -80,7 +80,7 @@ def test_an_episode_holds_what_the_expert_saw_and_did(demo_set, world):
     (observation,) = world.reset(task, demonstration.seed)
     first = demonstration.steps[0]
     assert first.instruction == task.instruction
-    assert first.queries == language.parse(task.instruction)
+    assert first.phrases == language.parse(task.instruction)
     assert first.expert == task.expert(world)
     for kept, fresh in zip(first.observation.views, observation.views, strict=True):
         np.testing.assert_array_equal(kept.rgb, fresh.rgb)

@@ -157,7 +157,7 @@ def test_a_first_table_elsewhere_is_refused():
 
 @pytest.mark.parametrize("method", [ClipPort, GroundedClipPort, TransporterLan])
 def test_a_method_that_makes_no_kernel_is_refused_by_name(method, policy, observations):
-    rival = method(MOBILE, policy.clip)
+    rival = method(method.Config().on_table(1.06), policy.clip)
     with pytest.raises(ValueError, match=rf"must be a gem policy .*, got {rival.name}"):
         several_tables.choose(rival, observations, "pick the mug and place into the recycle box")
 
