@@ -1,0 +1,58 @@
+"""Whether today's code plays filed rows again, reward by reward: python tests/benchmarks/reproduce.py
+
+For every shipped policy, the first episodes of each of its filed rows in a world are played again and compared with
+the row. It prints a line a row, and ends with exit code 1 if a reward differs.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from gem_lite import clip, tasks
+from gem_lite.evaluation import evaluate, evaluate_mobile, results
+from gem_lite.policies.checkpoints import read_card
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped checkpoints by their SHA-256."""
+    return {read_card(path)["sha256"]: path for path in sorted(clip.DATA.glob("gem-*.safetensors"))}
+
+
+def played_again(row: dict, checkpoint: Path, episodes: int) -> dict[str, float]:
+    """Rewards by episode, as a row holds them."""
+    where = {"split": row["split"], "start": row["start"], "world": row["world"]}
+    if "tables" in row:
+        condition = evaluate_mobile.Condition(row["poses"], row["shift"], row["turn"])
+        outcomes = evaluate_mobile.measure(
+            checkpoint, row["task"], episodes, [condition], clip_name=str(clip.DATA / "clip-sorting"),
+            tables=row["tables"], **where,
+        )  # fmt: skip
+        return {str(outcome.index): round(outcome.rewards[0], 4) for outcome in outcomes}
+    played = evaluate.evaluate(row["method"], row["task"], episodes, checkpoint=checkpoint, **where)
+    return {str(episode.index): round(episode.reward, 4) for episode in played}
+
+
+def main() -> None:
+    """Print a line for each row."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--episodes", type=int, default=10, help="of each row (default 10)")
+    parser.add_argument("--world", default="home", help="default home")
+    args = parser.parse_args()
+    checkpoints = shipped()
+    differing = 0
+    for path in dict.fromkeys(results.results_file(name) for name in tasks.names()):
+        for row in results.read_rows(path):
+            checkpoint = checkpoints.get(row["checkpoint_sha256"])
+            disturbed = row.get("shift", 0) or row.get("turn", 0)
+            if checkpoint is None or row["world"] != args.world or row.get("subset", "all") != "all" or disturbed:
+                continue
+            again = played_again(row, checkpoint, args.episodes)
+            wrong = [episode for episode, reward in again.items() if row["rewards"][episode] != reward]
+            differing += len(wrong)
+            verdict = f"differs in {', '.join(wrong)}" if wrong else "the same"
+            print(f"{row['method']} on {row['task']}, {row.get('poses', 'one table')}: {verdict}", flush=True)
+    sys.exit(1 if differing else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""The Python of the README and of docs/installing.md runs as it stands there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def snippets(name):
+    return re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/installing.md"])
+def test_the_python_of_a_page_runs(name, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    (snippet,) = snippets(name)
+    namespace = {}
+    exec(compile(snippet, name, "exec"), namespace)
+    if "world" in namespace:
+        assert namespace["step"].grasped
+    else:
+        assert "PickPlace(" in capsys.readouterr().out
