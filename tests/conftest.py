@@ -1,6 +1,7 @@
 """Fixtures that several test modules share. Nothing here may reach the network or the user's caches."""
 
 import os
+import sys
 import tempfile
 
 # Before any import that reads them.
@@ -11,6 +12,7 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
 
+from gem_lite import registry  # noqa: E402
 from gem_lite.learning import collecting  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
 from gem_lite.tasks import Task  # noqa: E402
@@ -40,6 +42,21 @@ def world():
     """One world for all: a test lays out its own scene in it, with `stage` or `World.reset`."""
     with World() as shared:
         yield shared
+
+
+OUTSIDE = ("toys", "outside_task")
+"""Modules of the tests that register what is not the library's."""
+
+
+@pytest.fixture(autouse=True)
+def registries_as_they_were():
+    """What a test registers from outside is forgotten after it."""
+    before = [(table, dict(table._things), dict(table._modules)) for table in registry._ALL]
+    yield
+    for table, things, modules in before:
+        table._things, table._modules = things, modules
+    for name in OUTSIDE:
+        sys.modules.pop(name, None)
 
 
 @pytest.fixture

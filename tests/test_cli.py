@@ -12,9 +12,9 @@ from gem_lite import cli, clip
 from gem_lite.cli import COMMANDS, main
 from gem_lite.cli.command import parse
 from gem_lite.clip import calibration
-from gem_lite.config import PAPER
 from gem_lite.evaluation import results
 from gem_lite.policies.checkpoints import read_card
+from gem_lite.policies.gem_config import PAPER
 
 TASK = "put-block-in-bowl-seen-colors"
 DEMONSTRATIONS = str(clip.DATA / "demos" / f"{TASK}-10")
@@ -139,10 +139,10 @@ def test_a_methods_name_sets_what_it_switches_off():
 
 def test_a_module_from_outside_is_loaded_before_names_are_read(tmp_path, monkeypatch):
     (tmp_path / "my_method.py").write_text(
-        "from gem_lite.policies import methods\n"
-        "class Mine(methods.METHODS['transporter-lan']):\n"
+        "from gem_lite.policies import methods, transporter\n"
+        "@methods.register\n"
+        "class Mine(transporter.TransporterLan):\n"
         "    method = 'mine'\n"
-        "methods.METHODS['mine'] = Mine\n"
     )
     program = (
         "from gem_lite import cli; command = cli.read('train', 'a b --method mine --import my_method'.split()); "

@@ -263,8 +263,9 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
 
 def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
     command = ["train", str(demo_set[0]), str(tmp_path / "t.safetensors"), "--method", "transporter-lan"]
-    monkeypatch.setattr(sys, "argv", [*command, "--run", str(tmp_path / "run"), "--steps", "2"])
-    prepared, honest = [], transporter.TransporterLan.embed
+    command += ["--state", str(tmp_path / "run"), "--config.steps", "2"]
+    prepared = []
+    honest = transporter.TransporterLan.embed
 
     def stopped_at_the_third(*args):
         prepared.append(1)
@@ -273,11 +274,9 @@ def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypa
         return honest(*args)
 
     monkeypatch.setattr(transporter.TransporterLan, "embed", stopped_at_the_third)
-    with pytest.raises(SystemExit) as stop:
-        train.main()
-    assert stop.value.code == 130
+    assert main(command) == 130
     assert "the same command goes on" in capsys.readouterr().err
-    train.main()
+    assert main(command) == 0
     steps = sum(len(demo.steps) for demo in demo_set[1])
     assert len(prepared) == steps + 1, "the two steps before the stop are not prepared again"
     assert (tmp_path / "t.safetensors").exists()

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import toys  # noqa: F401 (registers the map source "redness")
 
 from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery, Queries
@@ -28,6 +27,8 @@ def observed(world):
 
 
 def test_a_source_from_outside_makes_a_policys_maps(model, observed):
+    import toys  # noqa: F401 (registers the map source "redness")
+
     views, _ = observed
     policy = Policy(dataclasses.replace(LITE, semantic_map="redness", image_weight=0.0), model)
     scene = policy.embed(views)
@@ -79,7 +80,7 @@ def test_a_policy_is_asked_with_pictures(model, observed, world):
     scene = policy.embed(views)
     pick = ImageQuery(crop_memory.cut(scene.heightmap, action.pick, LITE.top_patch), "this block")
     place = ImageQuery(crop_memory.cut(scene.heightmap, action.place, LITE.top_patch), "this bowl")
-    decision = policy.decide(world.observe(), Queries(pick, place))
+    decision = policy.decide(world.observe()[0], Queries(pick, place))
     assert decision.queries.pick is pick and decision.instruction == "pick this block, place this bowl"
     assert decision.pick_image is not None, "a picture needs no memory"
     words = policy.words(decision.queries)
