@@ -101,7 +101,7 @@ class Config:
     def preset(cls, name: str = "lite") -> Self:
         """One of the `PRESETS`. Raises ValueError if there is none with this name."""
         if name not in cls.PRESETS:
-            raise ValueError(f"the configuration must be one of {', '.join(cls.PRESETS)}, got {name!r}")
+            raise ValueError(f"preset must be one of {', '.join(cls.PRESETS)}, got {name!r}")
         return cls(name=name, **cls.PRESETS[name])
 
     @classmethod

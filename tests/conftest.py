@@ -48,9 +48,9 @@ OUTSIDE = ("toys", "outside_task")
 """Modules of the tests that register what is not the library's."""
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def registries_as_they_were():
-    """What a test registers from outside is forgotten after it."""
+    """What a test file registers from outside is forgotten after it."""
     before = [(table, dict(table._things), dict(table._modules)) for table in registry._ALL]
     yield
     for table, things, modules in before:

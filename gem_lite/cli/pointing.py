@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from gem_lite import tasks
 from gem_lite.cli.command import Filed
-from gem_lite.evaluation import pointing, results
+from gem_lite.evaluation import pointing, pointing_scenes, results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Pointing(Filed):
             print(f"the row is in {path}")
             return
         path = results.output(self.file, self.out, "pointing")
-        for kind in [self.kind] if self.kind else pointing.KINDS:
+        for kind in [self.kind] if self.kind else pointing_scenes.KINDS:
             for row in pointing.measure_scenes(kind, self.scenes, path, self.clip):
                 print(pointing.described(row))
         print(f"the rows are in {path}")
