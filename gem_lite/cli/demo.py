@@ -13,7 +13,7 @@ from nbclient import NotebookClient
 from typing_extensions import override
 
 from gem_lite.cli.command import Command
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 
 FIGURE_TAGS = ("decision", "outcome")
 """Tags of the notebook's cells whose figures are kept as files."""
@@ -36,10 +36,10 @@ class Demo(Command):
         notebook = nbformat.read(NOTEBOOK, as_version=4)
         code = [cell for cell in notebook.cells if cell.cell_type == "code"]
         execute(notebook, code)
-        write_whole(self.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
+        write_atomically(self.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
         print(f"\nThe executed notebook: {self.out / NOTEBOOK.name}")
         for tag in FIGURE_TAGS:
-            write_whole(self.out / f"{tag}.png", _tagged_picture(code, tag))
+            write_atomically(self.out / f"{tag}.png", _tagged_picture(code, tag))
             print(f"The figure of its {tag}: {self.out / tag}.png")
         print("\n" + next(line for line in _printed(code) if line.startswith("outcome of")))
         print("Open the series with: make lab")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gem_lite.files import DATA, read_json, write_whole
+from gem_lite.files import DATA, read_json, write_atomically
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip
@@ -84,5 +84,5 @@ def read(clip: Clip) -> Calibration:
 def write(clip: Clip, calibration: Calibration) -> Path:
     """File a CLIP's calibration; returns where."""
     path = path_for(clip)
-    write_whole(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
+    write_atomically(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
     return path

@@ -102,7 +102,7 @@ def store(
         for number, step in enumerate(steps_from(len(sums)), len(sums)):
             content = _encode(step)
             name = f"step-{number:06d}.safetensors"
-            files.write_whole(folder / name, content)
+            files.write_atomically(folder / name, content)
             sums[name] = hashlib.sha256(content).hexdigest()
             _write_manifest(folder, manifest)
         manifest["whole"] = True
@@ -160,7 +160,7 @@ def _begun(folder: Path, source: dict, code: str) -> dict:
 
 
 def _write_manifest(folder: Path, manifest: dict) -> None:
-    files.write_whole(folder / "manifest.json", json.dumps(manifest).encode())
+    files.write_atomically(folder / "manifest.json", json.dumps(manifest).encode())
 
 
 def _encode(step: PreparedStep) -> bytes:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 
 STATE_FILE = "state.pt"
 
@@ -104,6 +104,6 @@ class TrainingState:
         buffer = io.BytesIO()
         torch.save(state, buffer)
         try:
-            write_whole(self.file, buffer.getvalue())
+            write_atomically(self.file, buffer.getvalue())
         except OSError as error:
             raise OSError(f"the state of step {step} cannot be saved ({error}); {self.last_good}") from error
