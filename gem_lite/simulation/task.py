@@ -118,7 +118,7 @@ class Task(ABC):
         self._reached = self._reached_now(environment)
 
     def subsets(self) -> tuple[str, ...]:
-        """The number of reached goals, in their order. Counting ends at the first goal that is not reached."""
+        """The names of the subsets that contain the present episode. Each subset gets its own row of results."""
         return ()
 
     def _reached_now(self, environment: Environment) -> int:
