@@ -1,4 +1,4 @@
-"""What a robot can be told to do, and what its tool says of itself: no simulator, no camera."""
+"""The actions of a robot and the state of its tool. Nothing here needs a simulator or a camera."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class PickPlace:
     """One pick and place; each pose lies in the frame of its table (metres, radians).
 
     Attributes:
-        pick: where the tool grasps.
-        place: where it lets go; ``place.yaw`` is the tool's *final yaw* on that table, not the relative angle.
-        pick_table, place_table: the tables' numbers, 0 where there is only one.
+        pick: the pose of the grasp.
+        place: the pose of the release. ``place.yaw`` is the tool's *final yaw* on that table, not the relative angle.
+        pick_table, place_table: the numbers of the tables; 0 if there is only one table.
     """
 
     pick: Pose2
@@ -33,7 +33,7 @@ class PickPlace:
 class Push:
     """One push along a table, from the position of ``start`` to that of ``end``, in the frame of the table.
 
-    The blade stands square to the way, so the yaws of both poses play no part.
+    The blade is perpendicular to the path, so the yaws of both poses have no effect.
     """
 
     start: Pose2
@@ -48,9 +48,13 @@ Action = PickPlace | Push
 class ExpertAction:
     """An expert's action and its yaw symmetries.
 
-    ``pick_symmetry`` and ``place_symmetry`` are the smallest turns (radians) that change nothing: pi/2 for the yaw of a
-    cube's grasp, 0 where every yaw is as good (as for every push), 2 pi where one yaw is right. ``place_symmetry`` is
-    that of the relative angle.
+    A symmetry is the smallest turn (radians) that changes nothing: pi/2 for the grasp of a cube, 2 pi if only one yaw
+    is right, 0 if every yaw is right (as for every push).
+
+    Attributes:
+        action: the action.
+        pick_symmetry: the symmetry of the pick's yaw.
+        place_symmetry: the symmetry of the relative place angle.
     """
 
     action: Action
@@ -59,7 +63,7 @@ class ExpertAction:
 
 
 class GripperState(NamedTuple):
-    """What a tool knows of itself, and nothing else: where it is (m, radians) and whether it holds something."""
+    """The state that a tool can measure itself: its position (m), its yaw (radians), and whether it holds something."""
 
     x: float
     y: float

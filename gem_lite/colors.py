@@ -15,18 +15,18 @@ RGB: dict[str, tuple[int, int, int]] = {
     "white": (255, 255, 255),
     "gray": (186, 176, 172),
 }
-"""The tabletop's colours, 0-255, in the order in which distractors take them."""
+"""The colours of the bodies, 0-255. Distractors take them in this order."""
 
 SEEN: tuple[str, ...] = ("blue", "red", "green", "yellow", "brown", "gray", "cyan")
 UNSEEN: tuple[str, ...] = ("blue", "red", "green", "orange", "purple", "pink", "white")
 NEW: tuple[str, ...] = tuple(name for name in UNSEEN if name not in SEEN)
-"""Colours that no demonstration ever names."""
+"""Colours that no demonstration names."""
 
 TABLE = (51, 51, 51)
 """The dark grey sheet that marks the workspace."""
 
 
 def rgba(name: str) -> tuple[float, float, float, float]:
-    """A colour name as RGBA in [0, 1], the form PyBullet takes."""
+    """The RGBA of a named colour in [0, 1], as PyBullet needs it."""
     r, g, b = RGB[name]
     return r / 255, g / 255, b / 255, 1.0

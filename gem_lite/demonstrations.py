@@ -1,8 +1,8 @@
-"""Records of expert demonstrations: what one holds; save, load and verify a set.
+"""Expert demonstrations: their records, and how a set is saved, loaded and verified.
 
-A set is a folder of one file an episode and a manifest, which is written last and names every file with its
-SHA-256. A file's name holds the beginning of its sum, so that a new set never writes over an old one's files: until
-its manifest is there, the old set is whole.
+A set is a folder with one file for each episode and a manifest. The manifest is written last. It names every file with
+its SHA-256. The name of a file holds the beginning of its SHA-256, so the files of a new set never overwrite those of
+an old set. The old set stays complete until the new manifest is written.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 
 from gem_lite import language
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
-from gem_lite.files import read_json, write_whole
+from gem_lite.files import read_json, write_atomically
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
@@ -38,9 +38,14 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class DemonstrationStep:
-    """What the robot saw, was told and did: enough to recompute every map, label and crop.
+    """One step of an episode. Every map, label and crop can be computed from it.
 
-    ``observation`` was made before the action; ``trace`` is the gripper's log during it.
+    Attributes:
+        observation: the pictures before the action.
+        instruction: the sentence.
+        expert: the expert's action.
+        trace: the states of the gripper during the action.
+        reward: the change of the task's score, in [-1, 1].
     """
 
     observation: Observation
@@ -51,13 +56,13 @@ class DemonstrationStep:
 
     @property
     def phrases(self) -> language.Queries:
-        """The instruction as the library's grammar reads it. Raises ValueError if the grammar does not cover it."""
+        """The instruction, parsed by the library's grammar. Raises ValueError if the grammar does not cover it."""
         return language.parse(self.instruction)
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One expert episode; ``world`` names the looks of the world it was played in."""
+    """One expert episode; ``world`` is the name of its world, see `gem_lite.simulation.worlds`."""
 
     task: str
     split: str
@@ -67,13 +72,14 @@ class Demonstration:
 
 
 class DemonstrationSet(Sequence[Demonstration]):
-    """The demonstrations of a folder. Each is read when it is asked for, and not kept.
+    """The demonstrations of a folder. Each access reads the file; no episode is kept in memory.
 
-    A slice is such a set, too. An episode whose file has gone or changed since `load` raises what `load` raises.
+    A slice is a `DemonstrationSet`, too. If the file of an episode is missing or has changed since `load`, the access
+    raises the errors of `load`.
 
     Attributes:
-        folder: where the files are.
-        files: their names and SHA-256 sums, in the order of the episodes.
+        folder: the folder of the files.
+        files: the names of the files and their SHA-256, in the order of the episodes.
     """
 
     def __init__(self, folder: Path, files: Mapping[str, str]) -> None:
@@ -85,7 +91,7 @@ class DemonstrationSet(Sequence[Demonstration]):
 
     @property
     def digest(self) -> str:
-        """One SHA-256 for all that the set holds, the same as `data_hash` of its folder."""
+        """One SHA-256 for the whole set, equal to `data_hash` of its folder."""
         return hashlib.sha256(json.dumps(self.files).encode()).hexdigest()
 
     @overload
@@ -95,29 +101,29 @@ class DemonstrationSet(Sequence[Demonstration]):
     def __getitem__(self, index: slice) -> DemonstrationSet: ...
 
     def __getitem__(self, index: int | slice) -> Demonstration | DemonstrationSet:
-        """An episode, or the set of several. Raises ValueError if a slice holds none."""
+        """One episode, or the set of several episodes. Raises ValueError if a slice is empty."""
         entries = list(self.files.items())
         if isinstance(index, slice):
-            chosen = entries[index]
-            if not chosen:
+            selected = entries[index]
+            if not selected:
                 raise ValueError(
-                    f"the episodes [{index.start}:{index.stop}:{index.step}] of {self.folder} are none: "
-                    f"it holds {len(self)}, and at least 1 is needed"
+                    f"the slice [{index.start}:{index.stop}:{index.step}] holds no episode: "
+                    f"{self.folder} has {len(self)} episodes"
                 )
-            return DemonstrationSet(self.folder, dict(chosen))
+            return DemonstrationSet(self.folder, dict(selected))
         name, digest = entries[index]
         path = self.folder / name
         content = _verified(path, digest)
         try:
             return _decode(content)
-        except Exception as error:  # A file that another program wrote can be wrong in any way.
+        except Exception as error:  # A file of another program can have any error.
             raise ValueError(
                 f"the demonstration {path} lacks a part or has a wrong one: {type(error).__name__}: {error}"
             ) from error
 
 
 def quantized(observation: Observation) -> Observation:
-    """Depth as the files hold it."""
+    """The observation with its depth rounded as in the files."""
     views = []
     for view in observation.views:
         depth = np.round(np.clip(view.depth / DEPTH_UNIT, 0, 65535)).astype(np.uint16)
@@ -126,12 +132,12 @@ def quantized(observation: Observation) -> Observation:
 
 
 def pack(trace: Sequence[GripperState]) -> np.ndarray:
-    """(T, 4) float32: x, y, yaw, holding."""
+    """The states as a (T, 4) float32 array: x, y, yaw, holding."""
     return np.array(trace, np.float32).reshape(-1, 4)
 
 
 def unpack(trace: np.ndarray) -> tuple[GripperState, ...]:
-    """`pack`'s (T, 4) array as states again."""
+    """The inverse of `pack`: the states of a (T, 4) array."""
     return tuple(GripperState(x, y, yaw, bool(holding)) for x, y, yaw, holding in trace.tolist())
 
 
@@ -199,7 +205,7 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
 def _image(png: np.ndarray, kind: int) -> np.ndarray:
     image = cv2.imdecode(png, kind)
     if image is None:
-        raise ValueError("a picture is no whole PNG")
+        raise ValueError("a picture is not a complete PNG")
     return image
 
 
@@ -208,7 +214,7 @@ def _encode_action(action: Action) -> dict:
 
 
 def _decode_action(entry: dict) -> Action:
-    """An action as a file holds it. Older files lack the kind and the tables: a pick and place on the only table."""
+    """Read an action. Older files have no kind and no tables: their action is a pick and place on the only table."""
     match entry.get("kind", "pick-place"):
         case "pick-place":
             tables = [_whole_number(entry.get(name, 0)) for name in ("pick_table", "place_table")]
@@ -224,7 +230,7 @@ def _decode_pose(entry: dict) -> Pose2:
 
 
 def _tuples(value: object) -> object:
-    """JSON's lists as tuples, at every depth; the numbers in them must be finite."""
+    """Turn JSON's lists into tuples, at every depth. All numbers must be finite."""
     if isinstance(value, list):
         return tuple(_tuples(part) for part in value)
     return value if isinstance(value, str) else _number(value)
@@ -249,10 +255,10 @@ def _whole_number(value: object) -> int:
 
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
-    """Write a set; one that is in ``folder`` already stays whole until the new one is, and then goes.
+    """Write a set. An old set in ``folder`` is removed after the new one is complete.
 
     Raises:
-        ValueError: no demonstrations, or of several tasks, splits or worlds.
+        ValueError: there are no demonstrations, or they have different tasks, splits or worlds.
     """
     if not demonstrations:
         raise ValueError("demonstrations is empty: there is nothing to save")
@@ -260,10 +266,11 @@ def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
     files: dict[str, str] = {}
     facts: dict[str, str] = {}
     for number, demonstration in enumerate(demonstrations):
-        present = {name: getattr(demonstration, name) for name in ("task", "split", "world")}
-        facts = facts or present
-        if present != facts:
-            raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {present}")
+        episode_facts = {name: getattr(demonstration, name) for name in ("task", "split", "world")}
+        if number == 0:
+            facts = episode_facts
+        if episode_facts != facts:
+            raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {episode_facts}")
         files |= write_episode(folder, number, demonstration)
     write_manifest(folder, facts, files)
     for path in folder.glob("episode-*.npz"):
@@ -272,22 +279,22 @@ def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
 
 
 def write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
-    """Write an episode's file; returns its name and its SHA-256."""
+    """Write the file of an episode. Returns the file's name and its SHA-256."""
     content = _encode(demonstration)
     digest = hashlib.sha256(content).hexdigest()
     name = f"episode-{number:04d}-{digest[:12]}.npz"
-    write_whole(folder / name, content)
+    write_atomically(folder / name, content)
     return {name: digest}
 
 
 def write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
-    """Write a set's manifest: ``facts`` of it, and its files with their SHA-256."""
+    """Write the manifest of a set: the ``facts`` about it, and its files with their SHA-256."""
     manifest = {"schema": SCHEMA, **facts, "files": files}
-    write_whole(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
+    write_atomically(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
 
 
 def read_manifest(folder: Path) -> dict:
-    """The manifest of a set. Raises FileNotFoundError or ValueError with what is wrong."""
+    """Read and check the manifest of a set. Raises FileNotFoundError or ValueError; the message names the problem."""
     path = Path(folder) / "manifest.json"
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no demonstrations: there is no manifest.json in it")
@@ -299,11 +306,11 @@ def read_manifest(folder: Path) -> dict:
         )
     files = manifest.get("files")
     if not isinstance(files, dict) or not files:
-        raise ValueError(f"{path} lists no files: it is not a whole manifest")
+        raise ValueError(f"{path} lists no files: it is not a complete manifest")
     for name, digest in files.items():
-        # A name with a folder in it would lead out of the set.
+        # A name that contains a folder could point outside the set.
         if not _EPISODE_FILE.fullmatch(name) or not isinstance(digest, str) or not _SHA256.fullmatch(digest):
-            raise ValueError(f"{path} lists {name!r} with the sum {digest!r}: that is no file of a set")
+            raise ValueError(f"{path} lists {name!r} with the SHA-256 {digest!r}: that is not a file of a set")
     try:
         for name in ("task", "split", "world"):
             _text(manifest.get(name))
@@ -312,12 +319,12 @@ def read_manifest(folder: Path) -> dict:
     except ValueError as error:
         raise ValueError(f"{path} has a wrong {name}: {error}") from error
     if ("start" in manifest) != ("next" in manifest):
-        raise ValueError(f"{path} has one of start and next, and not the other")
+        raise ValueError(f"{path} must have both start and next, or neither")
     return manifest
 
 
 def data_hash(folder: Path, episodes: int | None = None) -> str:
-    """One SHA-256 for a set, or for its first ``episodes``, from its manifest. Raises ValueError below 1 episode."""
+    """One SHA-256 for a set or for its first ``episodes``, from its manifest. Raises ValueError if episodes < 1."""
     if episodes is not None and episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     files = list(read_manifest(folder)["files"].items())[:episodes]
@@ -325,11 +332,11 @@ def data_hash(folder: Path, episodes: int | None = None) -> str:
 
 
 def load(folder: Path) -> DemonstrationSet:
-    """Verify the sums of a set's files, one file after the other; episodes are decoded when they are asked for.
+    """Load a set and verify the SHA-256 of each file. An episode is decoded when it is accessed.
 
     Raises:
         FileNotFoundError: the folder, its manifest or one of its episodes is missing.
-        ValueError: another schema, or a file that is not what was saved (cut off, edited).
+        ValueError: the manifest has another schema, or a file has changed since it was saved.
     """
     folder = Path(folder)
     files = read_manifest(folder)["files"]
@@ -339,7 +346,7 @@ def load(folder: Path) -> DemonstrationSet:
 
 
 def _verified(path: Path, digest: str) -> bytes:
-    """A file's content, if its SHA-256 is ``digest``."""
+    """The content of a file whose SHA-256 must be ``digest``."""
     if not path.exists():
         raise FileNotFoundError(f"the demonstration {path} is missing, though the manifest names it")
     content = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Where the data is, JSON that is checked, and files that are written whole or not at all."""
+"""The data folder, checked JSON, and files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import NoReturn
 
 
 def data_folder(package: Path) -> Path:
-    """Where models, demonstrations and results are, given the folder of the package ``gem_lite``.
+    """The folder of models, demonstrations and results, given the folder of the package ``gem_lite``.
 
-    In a checkout that is ``data`` beside the package; an installed wheel has it as ``gem_lite_data``.
+    In a checkout it is ``data`` beside the package. In an installed wheel it is ``gem_lite_data`` beside it.
     """
     checkout = package.parent / "data"
     return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
@@ -22,42 +22,42 @@ DATA = data_folder(Path(__file__).resolve().parent)
 
 
 def read_json(content: bytes | str, name: object) -> dict:
-    """A JSON object from a file's content.
+    """Read a JSON object from a file's content.
 
     Args:
-        name: what the content is, for the error.
+        name: names the content in an error message.
 
     Raises:
-        ValueError: cut off, no JSON, no object, or a number in it is not finite.
+        ValueError: the content is cut off, is not JSON or not an object, or a number in it is not finite.
     """
 
     def refuse(constant: str) -> NoReturn:
         raise ValueError(f"{constant} is no JSON number")
 
     try:
-        found = json.loads(content, parse_constant=refuse)
+        value = json.loads(content, parse_constant=refuse)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{name} is cut off or no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise ValueError(f"{name} must hold a JSON object, got {type(found).__name__}")
-    return found
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must hold a JSON object, got {type(value).__name__}")
+    return value
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write to a temporary name, then rename: an interrupted run or a full disk leaves the old file whole."""
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write to a temporary name, then rename. After an interruption or on a full disk, the old file is unchanged."""
     write_together({path: content})
 
 
 def write_together(contents: dict[Path, bytes]) -> None:
-    """`write_whole` for files that belong together: no old one is replaced before every new one is on the disk."""
-    partial = {path: path.with_name(path.name + ".part") for path in contents}
+    """`write_atomically` for several files: all new files are on the disk before the first old file is replaced."""
+    temporary = {path: path.with_name(path.name + ".part") for path in contents}
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial[path].write_bytes(content)
+            temporary[path].write_bytes(content)
     except OSError:
-        for left in partial.values():
-            left.unlink(missing_ok=True)
+        for leftover in temporary.values():
+            leftover.unlink(missing_ok=True)
         raise
-    for path, whole in partial.items():
-        os.replace(whole, path)
+    for path, complete in temporary.items():
+        os.replace(complete, path)

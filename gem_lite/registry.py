@@ -1,7 +1,7 @@
-"""Tables of named things, such as tasks and methods, to which a program outside the library can add its own.
+"""Tables of named entries, such as tasks and methods. A program outside the library can add its own entries.
 
-A thing is known once the module that registers it is imported. A process that is started anew (evaluation starts one
-a core) knows only what the library registers, so it is given `modules` and imports them with `load`.
+An entry is known after the import of the module that registers it. A new process (evaluation starts one for each core)
+knows only the entries of the library. It therefore gets the names from `modules` and imports them with `load`.
 """
 
 from __future__ import annotations
@@ -16,73 +16,75 @@ _ALL: list[Registry] = []
 
 
 class Registry(Generic[T]):
-    """Things of one kind by their names, in the order of registration.
+    """Entries of one kind by their names, in the order of registration.
 
     Args:
-        kind: what one of the things is called in errors, such as "task".
+        kind: the name of the kind in error messages, such as "task".
     """
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
-        self._things: dict[str, T] = {}
+        self._entries: dict[str, T] = {}
         self._modules: dict[str, str] = {}
         _ALL.append(self)
 
-    def add(self, name: str, thing: T, module: str | None = None) -> T:
-        """Register a thing, and return it.
+    def add(self, name: str, entry: T, module: str | None = None) -> T:
+        """Register an entry and return it.
 
         Args:
-            name: how it is asked for. A module that registers a name again (a notebook's cell that is run twice)
-                replaces its own thing.
-            thing: usually a class or a function; it is not called here.
-            module: the name of the module whose import registers the thing: its own unless given.
+            name: the entry's name. If a module registers a name again (a notebook's cell that is run twice), the
+                new entry replaces the old one.
+            entry: usually a class or a function. It is not called here.
+            module: the name of the module whose import registers the entry; by default the module that defines it.
 
         Raises:
             ValueError: the name is empty, or another module has registered it.
         """
         if not name:
-            raise ValueError(f"name must not be empty: a {self.kind} is asked for by its name")
+            raise ValueError(f"name must not be empty: it identifies the {self.kind}")
         if module is None:
-            module = str(getattr(thing, "__module__", type(thing).__module__))
+            module = str(getattr(entry, "__module__", type(entry).__module__))
         owner = self._modules.get(name, module)
         if owner != module:
             raise ValueError(f"name must be new: {owner} has registered the {self.kind} {name!r} already")
-        self._things[name] = thing
+        self._entries[name] = entry
         self._modules[name] = module
-        return thing
+        return entry
 
     def register(self, name: str) -> Callable[[T], T]:
         """`add` as a decorator: ``@TOOLS.register("hook")`` before a class."""
-        return lambda thing: self.add(name, thing)
+        return lambda entry: self.add(name, entry)
 
     def find(self, name: str) -> T:
-        """The thing with a name. Raises ValueError with the nearest names if there is none."""
-        if name not in self._things:
-            near = difflib.get_close_matches(name, self.names(), n=3, cutoff=0.3) or self.names()
-            raise ValueError(f"no {self.kind} is named {name!r}; the nearest names: {', '.join(near)}")
-        return self._things[name]
+        """The entry with this name. If there is none, raises ValueError with the nearest names."""
+        if name not in self._entries:
+            nearest = difflib.get_close_matches(name, self.names(), n=3, cutoff=0.3)
+            if not nearest:
+                nearest = list(self.names())
+            raise ValueError(f"no {self.kind} is named {name!r}; the nearest names: {', '.join(nearest)}")
+        return self._entries[name]
 
     def names(self) -> tuple[str, ...]:
         """All names, in the order of registration."""
-        return tuple(self._things)
+        return tuple(self._entries)
 
     def modules(self) -> tuple[str, ...]:
-        """The modules whose import registers all that is here, each once."""
+        """The modules whose import registers all entries, each once."""
         return tuple(dict.fromkeys(self._modules.values()))
 
 
 def modules() -> tuple[str, ...]:
-    """The modules whose import registers all that this process knows, of every kind: see `load`."""
+    """The modules whose import registers all entries of all kinds that this process knows, for `load`."""
     return tuple(dict.fromkeys(module for registry in _ALL for module in registry.modules()))
 
 
 def load(names: Iterable[str]) -> None:
-    """Import modules, so that what they register is known: in a new process, those that `modules` gave in the old one.
+    """Import modules, so that their entries are known. A new process imports the `modules` of its parent process.
 
-    What was registered by a script itself needs no import: a new process runs the script's definitions first.
+    Entries of the main script need no import: a new process first runs the definitions of that script.
 
     Raises:
-        ModuleNotFoundError: there is no module with such a name.
+        ModuleNotFoundError: no module has one of these names.
     """
     for name in names:
         if name != "__main__":

@@ -1,4 +1,4 @@
-"""Planar poses, pixels and the sign of every angle: the only place where signs are decided.
+"""Planar poses, pixels and angles. All signs of angles are decided here and nowhere else.
 
 Conventions (they hold in the whole library):
 
@@ -51,7 +51,7 @@ class Pose2:
 class Workspace:
     """The rectangle of the table that a height map covers, and the size of its cells (metres).
 
-    The default is CLIPort's table at 6.25 mm a pixel: 160 rows (y) by 80 columns (x).
+    The default is CLIPort's table at 6.25 mm per pixel: 160 rows (y) by 80 columns (x).
     """
 
     x_min: float = 0.25
@@ -63,7 +63,7 @@ class Workspace:
 
     @classmethod
     def of_length(cls, length: float, pixel: float = pixel) -> Workspace:
-        """A table ``length`` metres long (y) and half as wide (x), its middle where the default's is."""
+        """A table ``length`` metres long (y) and half as wide (x). Its middle is that of the default workspace."""
         return cls(0.5 - length / 4, 0.5 + length / 4, -length / 2, length / 2, pixel=pixel)
 
     @property
@@ -77,7 +77,7 @@ class Workspace:
         return round((self.y_max - self.y_min) / self.pixel), round((self.x_max - self.x_min) / self.pixel)
 
     def to_pixel(self, x: Length, y: Length) -> tuple[Length, Length]:
-        """World metres to a continuous ``(row, col)``; a cell's centre comes out as whole numbers."""
+        """World metres to a continuous ``(row, col)``. A cell's centre becomes whole numbers."""
         return (self.y_max - y) / self.pixel - 0.5, (x - self.x_min) / self.pixel - 0.5
 
     def to_world(self, row: Length, col: Length) -> tuple[Length, Length]:
@@ -93,7 +93,8 @@ class Workspace:
         if not self.contains(x, y):
             raise ValueError(f"x, y = {x:.3f}, {y:.3f} m lies outside the workspace {self}")
         row, col = self.to_pixel(x, y)
-        # Not round(), which sends halves to even cells; clipped, since floats push points over an edge.
+        # round() would send halves to even cells. The result is clipped, because rounding errors may push a point
+        # over an edge.
         rows, cols = self.shape
         return min(math.floor(row + 0.5), rows - 1), min(math.floor(col + 0.5), cols - 1)
 
@@ -104,11 +105,13 @@ def quaternion(yaw: float) -> tuple[float, float, float, float]:
 
 
 def angle_off(angle: float, symmetry: float) -> float:
-    """How far (radians) an angle is from 0 or its nearest equivalent: any multiple of ``symmetry``.
+    """The distance (radians) of an angle from the nearest multiple of ``symmetry``.
 
-    Every angle is right where ``symmetry`` is 0.
+    It is 0 for every angle if ``symmetry`` is 0.
     """
-    return abs(wrap(angle * 2 * math.pi / symmetry)) * symmetry / (2 * math.pi) if symmetry else 0.0
+    if symmetry == 0:
+        return 0.0
+    return abs(wrap(angle * 2 * math.pi / symmetry)) * symmetry / (2 * math.pi)
 
 
 def angle_bins(count: int) -> np.ndarray:
@@ -138,13 +141,13 @@ class ImageMotion:
     shift: tuple[float, float]
 
     def move(self, pixel: tuple[float, float], shape: tuple[int, int]) -> tuple[float, float]:
-        """Where the content of ``pixel`` lands in a picture of ``shape`` (H, W)."""
+        """The pixel to which the content of ``pixel`` moves, in a picture of ``shape`` (H, W)."""
         centre = (np.array(shape) - 1) / 2
         row, col = rotation_matrix(self.angle) @ (np.array(pixel) - centre) + centre + np.array(self.shift)
         return float(row), float(col)
 
     def warp(self, image: torch.Tensor, mode: str = "bilinear") -> torch.Tensor:
-        """Move a ``(B, C, H, W)`` image; what comes from outside is 0."""
+        """Move a ``(B, C, H, W)`` image. Pixels from outside the image are 0."""
         return rotate_image(image, torch.tensor([self.angle]), self.shift, mode)
 
 
@@ -157,22 +160,22 @@ def rotate_image(
     """Turn pictures counter-clockwise about their centre, then shift them by (rows, cols).
 
     Args:
-        image: (B, C, H, W), or (1, C, H, W) to be turned by every angle.
+        image: (B, C, H, W), or (1, C, H, W), which is turned by every angle.
         angles: (B,) radians. A quarter turn equals ``torch.rot90(k=1)`` on square maps.
-        shift: (rows, cols) in pixels, the same for all.
+        shift: (rows, cols) in pixels, the same for all images.
         mode: ``grid_sample`` interpolation.
 
     Returns:
-        (B, C, H, W); outside is 0.
+        (B, C, H, W). Pixels from outside the image are 0.
     """
     batch = max(len(image), len(angles))
     _, channels, height, width = image.shape
     angles = angles.to(image).expand(batch)
     c, s = angles.cos()[:, None, None], angles.sin()[:, None, None]
-    # Pixel offsets from the centre, in pixels and not in normalised units: maps are not square.
+    # Offsets from the centre in pixels: normalised units would be wrong, because maps are not square.
     row = torch.arange(height, device=image.device, dtype=image.dtype)[:, None] - (height - 1) / 2 - shift[0]
     col = torch.arange(width, device=image.device, dtype=image.dtype)[None, :] - (width - 1) / 2 - shift[1]
-    # grid_sample asks where each output pixel comes from: the inverse turn.
+    # grid_sample needs the source of each output pixel, so this is the inverse turn.
     from_row = c * row + s * col  # (B, H, W)
     from_col = -s * row + c * col
     scale = [2 / max(n - 1, 1) for n in (width, height)]

@@ -86,7 +86,7 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("train a b --config.steps three", "--config.steps must be INT: "),
         ("train a b --config.map-gain 1", "--config.map-gain needs a value: FLOAT FLOAT"),
         ("train a b --config.semantic-map all", "no map source is named 'all'; the nearest names: multi-view"),
-        ("train a b --config.table 2", "--config.table: the task of the demonstrations decides it"),
+        ("train a b --config.table 2", "--config.table must be left out: the task of the demonstrations sets it"),
         ("train a b --preset large", "preset must be one of lite, paper, got 'large'"),
         ("train a b --method gpt", "method must be one of gem, "),
         ("train --seeed 1 a b", "gem-lite train has no option --seeed; the nearest: --seed"),

@@ -51,7 +51,7 @@ def test_every_word_of_a_phrase_counts(model):
 
 def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
     lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
-    said = set(" ".join([*itertools.chain(*lists), *vocabulary.STRANGERS, *vocabulary.TABLE]).split())
+    said = set(" ".join([*itertools.chain(*lists), *vocabulary.NOUNS_WITHOUT_PICTURES, *vocabulary.TABLE]).split())
     synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
     assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
     card = (clip.DATA / "clip-tabletop" / "README.md").read_text()
@@ -72,19 +72,19 @@ def test_any_text_is_accepted(model):
 def test_zero_shot_on_fresh_renders(model):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
     crops = clip_crops.render_crops(10, seed=77, kind="test")
-    found = clip_card.accuracy(model, crops.chosen(crops.whole))
+    found = clip_card.accuracy(model, crops.select(crops.whole))
     assert found["crops"] > 250
     assert found["color"] >= 98
     assert found["shape"] >= 92  # of 70: chance is 1.4
     assert found["both"] >= 90
-    reworded = clip_card.accuracy(model, crops.chosen(crops.whole), reworded=True)
+    reworded = clip_card.accuracy(model, crops.select(crops.whole), synonyms=True)
     assert all(reworded[key] >= found[key] - 5 for key in ("color", "shape", "both"))
     assert clip_card.part_accuracy(model, crops)["own"] >= 90
 
 
 def test_pairs_never_shown_are_composed(model):
     crops = clip_crops.render_crops(8, seed=78, kind="held-out")
-    held = clip_card._held_out(crops.chosen(crops.whole))
+    held = clip_card._held_out(crops.select(crops.whole))
     assert len(held) > 100
     assert clip_card.accuracy(model, held)["both"] >= 85
 
@@ -116,7 +116,7 @@ def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, m
 def test_accuracy_counts_what_it_says(model):
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
     crops = clip_crops.render_crops(2, seed=79, kind="test")
-    crops = crops.chosen(crops.whole & (crops.shape >= 0))
+    crops = crops.select(crops.whole & (crops.shape >= 0))
     crops.color = (crops.color + 1) % len(COLOR_NAMES)
     found = clip_card.accuracy(model, crops)
     assert found["color"] < 10
@@ -286,7 +286,7 @@ def test_tokenizer_and_captions_are_seeded():
 def test_no_name_means_two_things():
     named = [name for names in (*vocabulary.COLORS.values(), *vocabulary.SHAPES.values()) for name in names]
     assert len(set(named)) == len(named)
-    assert not set(named) & set(vocabulary.STRANGERS)
+    assert not set(named) & set(vocabulary.NOUNS_WITHOUT_PICTURES)
 
 
 def test_training_never_draws_what_is_held_out():
@@ -340,7 +340,7 @@ def test_crops_are_saved_and_loaded(tmp_path):
     again = Crops.load(tmp_path / "crops")
     assert np.array_equal(again.images, crops.images)
     assert np.array_equal(again.whole, crops.whole)
-    assert len(again.chosen(np.array([True, False, True]))) == 2
+    assert len(again.select(np.array([True, False, True]))) == 2
 
 
 def test_training_on_other_crops_does_not_resume(tmp_path):

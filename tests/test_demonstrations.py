@@ -16,7 +16,7 @@ from gem_lite import demonstrations, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
 from gem_lite.registry import Registry
@@ -302,7 +302,7 @@ def test_a_slice_is_lazy_and_an_empty_one_is_refused(copied):
     with pytest.raises(FileNotFoundError, match=r"episode-0000-\w+\.npz is missing"):
         both[0]
     for empty in (slice(0, 0), slice(5, None)):
-        with pytest.raises(ValueError, match=r"are none: it holds 2, and at least 1 is needed"):
+        with pytest.raises(ValueError, match=r"holds no episode: .* has 2 episodes"):
             both[empty]
     with pytest.raises(IndexError):
         both[2]
@@ -417,15 +417,15 @@ def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
         collect(TASK, 1, tmp_path / "new", world="mars")
 
 
-def test_write_whole_makes_folders_and_leaves_nothing_else(tmp_path):
-    write_whole(tmp_path / "a" / "b.bin", b"new")
+def test_write_atomically_makes_folders_and_leaves_nothing_else(tmp_path):
+    write_atomically(tmp_path / "a" / "b.bin", b"new")
     assert (tmp_path / "a" / "b.bin").read_bytes() == b"new"
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["b.bin"]
 
 
 def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
     path, write = tmp_path / "file.bin", Path.write_bytes
-    write_whole(path, b"old content")
+    write_atomically(path, b"old content")
 
     def interrupted(self, content):
         write(self, content[: len(content) // 2])
@@ -433,10 +433,10 @@ def test_interrupted_write_leaves_the_old_file_whole(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_whole(path, b"new content")
+        write_atomically(path, b"new content")
     assert path.read_bytes() == b"old content"
     monkeypatch.undo()
-    write_whole(path, b"new content")  # what the interruption left behind is in nobody's way
+    write_atomically(path, b"new content")  # what the interruption left behind is in nobody's way
     assert path.read_bytes() == b"new content"
 
 

@@ -16,7 +16,7 @@ BOWL = "put-block-in-bowl-seen-colors"
 @pytest.fixture(scope="module", params=[0, 1, 2], ids=["World", "one table", "two tables"])
 def environment(request):
     tables = request.param
-    made = MobileWorld(side_by_side(tables), find=driving.by_truth) if tables else World()
+    made = MobileWorld(side_by_side(tables), find=driving.ask_simulator) if tables else World()
     with made:
         yield made
 

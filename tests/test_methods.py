@@ -50,7 +50,7 @@ class Toy(PickPlacePolicy):
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch):
-    monkeypatch.setattr(methods.METHODS, "_things", dict(methods.METHODS._things))
+    monkeypatch.setattr(methods.METHODS, "_entries", dict(methods.METHODS._entries))
     monkeypatch.setattr(methods.METHODS, "_modules", dict(methods.METHODS._modules))
     methods.register(Toy)
 

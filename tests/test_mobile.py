@@ -214,8 +214,8 @@ def test_an_error_of_the_estimate_moves_the_act(world, monkeypatch):
         block, start = world.task.blocks[0], inside(world, world.task.blocks[0], 0)
 
         def find(world, table):
-            shifted = driving.disturbed(driving.by_truth, Pose2(0.0, 0.015))
-            return (shifted if table in wrong_tables else driving.by_truth)(world, table)
+            shifted = driving.disturbed(driving.ask_simulator, Pose2(0.0, 0.015))
+            return (shifted if table in wrong_tables else driving.ask_simulator)(world, table)
 
         place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
         monkeypatch.setattr(world, "find", find)
@@ -336,7 +336,7 @@ def test_tags_have_numbers(world):
 
 @pytest.fixture(scope="module")
 def two_tables():
-    with MobileWorld(side_by_side(2), find=driving.by_truth) as world:
+    with MobileWorld(side_by_side(2), find=driving.ask_simulator) as world:
         yield world
 
 

@@ -20,7 +20,7 @@ from gem_lite.policies import several_tables
 from gem_lite.policies.gem import Policy, near_peak
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd import tags
-from gem_lite.rgbd.camera import looking
+from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import driving, symbols
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
@@ -67,7 +67,7 @@ def test_table_of_another_length_keeps_its_pixels():
 
 
 def test_a_camera_looks_where_it_is_told():
-    camera = looking("one", (1.0, 2.0, 0.5), (0.0, 0.0, 0.0))
+    camera = camera_looking_at("one", (1.0, 2.0, 0.5), (0.0, 0.0, 0.0))
     ray = camera.rotation[:, 2]
     assert np.allclose(ray, np.array([-1.0, -2.0, -0.5]) / math.sqrt(5.25))
     assert camera.rotation[2, 0] == pytest.approx(0) and camera.rotation[2, 1] < 0  # level, and down is down

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from gem_lite.cli import errors
 from gem_lite.cli.command import Command, parse
 
-# A subcommand's module is imported by its name, and only if it is the one asked for: torch and pybullet take seconds
-# to load, and the demo's or another command's help should not wait for what it does not use.
+# Only the module of the subcommand that runs is imported: torch and pybullet take seconds to load, and the help of a
+# command should not wait for packages that the command does not use.
 COMMANDS = {
     "demo": ("demo", "Demo", "run the quickstart: a sentence in, a placed block out"),
-    "collect": ("collect", "Collect", "let the expert do episodes of a task, and save them"),
-    "verify": ("collect", "Verify", "load saved demonstrations and check every file's sum"),
+    "collect": ("collect", "Collect", "let the expert play episodes of a task, and save them"),
+    "verify": ("collect", "Verify", "load saved demonstrations and check the SHA-256 of every file"),
     "train": ("train", "Train", "train a method from demonstrations"),
     "evaluate": ("evaluate", "Evaluate", "measure a policy over episodes"),
     "several-tables": ("several_tables", "SeveralTables", "measure a policy over several tables"),
@@ -25,20 +25,20 @@ COMMANDS = {
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
-    "results plan": ("results", "Plan", "the experiments behind the lessons: what is filed, what is to do"),
-    "results run": ("results", "Run", "train and measure what is to do of that plan, and file it"),
+    "results plan": ("results", "Plan", "the experiments behind the lessons: which are filed, and which are to do"),
+    "results run": ("results", "Run", "train and measure all experiments that are to do, and file their results"),
 }
-"""Each subcommand's module in this package, its class there, and what it does."""
+"""For each subcommand: its module in this package, its class in that module, and its description."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line.
 
     Args:
-        argv: its words, without the program's name; `sys.argv` has them if they are None.
+        argv: the arguments without the program's name; by default those of `sys.argv`.
 
     Returns:
-        The exit code: 0; 2 for anything wrong, which one sentence on stderr names; 130 after Ctrl-C.
+        The exit code: 0; 2 after an error, which one sentence on stderr explains; 130 after Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     command: Command | None = None
@@ -49,10 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         command = read(name, rest)
         command.run()
-    except SystemExit as end:  # The help was asked for.
+    except SystemExit as end:  # After --help, tyro ends with code 0.
         return end.code or 0
     except KeyboardInterrupt:
-        print(f"\n{command.after_stop() if command else 'stopped'}", file=sys.stderr)
+        print(f"\n{command.stop_message() if command else 'stopped'}", file=sys.stderr)
         return 130
     except (command or Command).failures as error:
         print(" ".join(str(error).split()), file=sys.stderr)
@@ -61,10 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def split(words: Sequence[str]) -> tuple[str, list[str]]:
-    """A subcommand's name, of one word or two, and the words after it. The name is a group's for an overview.
+    """The name of the subcommand, which has one or two words, and the words after it.
+
+    If the overview of a group of subcommands is to be printed, the name is that of the group; "" stands for all.
 
     Raises:
-        ValueError: no such subcommand; the message has the nearest one.
+        ValueError: the subcommand is unknown; the message has the nearest name.
     """
     groups = {name.split()[0] for name in COMMANDS} - set(COMMANDS)
     if not words or words[0] in ("-h", "--help"):
@@ -84,8 +86,8 @@ def read(name: str, words: Sequence[str]) -> Command:
     """The subcommand ``name`` with its arguments.
 
     Raises:
-        ValueError: what is wrong with ``words``, in one sentence.
-        SystemExit: with code 0, after the help was asked for and printed.
+        ValueError: ``words`` has an error; the message is one sentence.
+        SystemExit: with code 0, after the help was printed.
     """
     module, kind, _ = COMMANDS[name]
     return parse(getattr(importlib.import_module(f"gem_lite.cli.{module}"), kind), name, words)

@@ -18,7 +18,7 @@ from gem_lite.learning import calibrating
 
 @dataclass(frozen=True, kw_only=True)
 class Pretrain(Command):
-    """Train the embedded CLIP on captions and crops that this project renders itself; goes on if it was stopped."""
+    """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 2800 --epochs 4 --out runs/clip",)
 
@@ -38,13 +38,13 @@ class Pretrain(Command):
         print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
 
     @override
-    def after_stop(self) -> str:
+    def stop_message(self) -> str:
         return f"stopped; the same command goes on from the last epoch in {self.state}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extend(Command):
-    """Teach the embedded CLIP the symbol boxes of object-sorting: a second one, trained further from it."""
+    """Train the embedded CLIP further, on the symbol boxes of object-sorting. The result is a second embedded CLIP."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite clip extend --scenes 700 --epochs 2 --out runs/clip-sorting",)
 
@@ -64,7 +64,7 @@ class Extend(Command):
         print(extend_clip.extend(self.out, self.state, self.scenes, self.epochs, self.seed))
 
     @override
-    def after_stop(self) -> str:
+    def stop_message(self) -> str:
         return f"stopped; the same command goes on from the last epoch in {self.state}"
 
 
@@ -77,7 +77,7 @@ class Card(Command):
     folder: Positional[Path]
     """the CLIP, as `gem-lite clip pretrain` writes it"""
     training_crops: int
-    """on how many crops it was trained; the card says so"""
+    """number of crops of its training, for the card"""
 
     @override
     def run(self) -> None:
@@ -86,7 +86,7 @@ class Card(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(Command):
-    """Measure the scale of a CLIP's scores and its retrieval threshold on rendered scenes, and keep them."""
+    """Measure the scale of a CLIP's scores and its retrieval threshold on rendered scenes, and save them."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite clip calibrate openai/clip-vit-base-patch32",)
 
@@ -96,5 +96,5 @@ class Calibrate(Command):
     @override
     def run(self) -> None:
         model = clip.load(self.clip)
-        measured = calibrating.calibrate(model, calibrating.rendered_scenes())
-        print(f"{measured}\nwrote {calibration.write(model, measured)}")
+        numbers = calibrating.calibrate(model, calibrating.rendered_scenes())
+        print(f"{numbers}\nwrote {calibration.write(model, numbers)}")

@@ -12,15 +12,15 @@ from tyro.conf import Positional
 
 from gem_lite import demonstrations
 from gem_lite.cli import names
-from gem_lite.cli.command import Command, Outside
+from gem_lite.cli.command import Command, ImportingCommand
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.learning import collecting
 from gem_lite.tasks import Split
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collect(Outside):
-    """Let the expert do episodes of a task, and save those that succeed. A collection that was stopped goes on."""
+class Collect(ImportingCommand):
+    """Let the expert play episodes of a task, and save those that succeed. A stopped collection continues."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite collect bars-in-box runs/demos/bars --episodes 2",)
     failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, RuntimeError)
@@ -30,21 +30,21 @@ class Collect(Outside):
     folder: Positional[Path]
     """where to save them"""
     episodes: int = 10
-    """how many"""
+    """number of episodes"""
     split: Split = "train"
-    """which episodes"""
+    """split of the episodes"""
     start: int = 0
     """index in the split of the first episode to try"""
     world: str = "home"
-    """how it looks, see below"""
+    """looks of the world, see below"""
 
     @override
     def run(self) -> None:
-        made = collecting.collect(self.task, self.episodes, self.folder, self.split, self.start, self.world)
-        print(summary(self.folder, made))
+        demos = collecting.collect(self.task, self.episodes, self.folder, self.split, self.start, self.world)
+        print(summary(self.folder, demos))
 
     @override
-    def after_stop(self) -> str:
+    def stop_message(self) -> str:
         return f"stopped; the same command goes on from the episodes in {self.folder}"
 
     @override
@@ -55,7 +55,7 @@ class Collect(Outside):
 
 @dataclass(frozen=True, kw_only=True)
 class Verify(Command):
-    """Load a set of demonstrations and check every file's sum."""
+    """Load a set of demonstrations and check the SHA-256 of every file."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite verify data/demos/put-block-in-bowl-seen-colors-10",)
 
@@ -68,6 +68,6 @@ class Verify(Command):
 
 
 def summary(folder: Path, demos: DemonstrationSet) -> str:
-    """What a set holds, in one line; every file of it is read and checked."""
+    """The content of a set, in one line. Every file is read and checked."""
     steps = sum(len(demonstration.steps) for demonstration in tqdm(demos, "verifying", unit="episode"))
     return f"{folder}: {len(demos)} episodes, {steps} steps, data hash {demonstrations.data_hash(folder)[:12]}"

@@ -1,4 +1,4 @@
-"""What the subcommands share: one typed dataclass each, whose fields are its arguments."""
+"""The base of all subcommands. Each is a typed dataclass, and its fields are its arguments."""
 
 from __future__ import annotations
 
@@ -16,70 +16,70 @@ from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName, UseApp
 from gem_lite.cli import errors
 
 MARKERS = (FlagCreatePairsOff, PositionalMetavarFromFieldName)
-WHERE_ROWS_GO = tyro.conf.create_mutex_group(required=False)
+FILE_OR_OUT = tyro.conf.create_mutex_group(required=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A subcommand: `tyro` fills its fields from the command line, `run` does the work.
+    """A subcommand: `tyro` fills its fields from the command line, and `run` does the work.
 
-    The class's docstring and its fields' are the help. Bad values that only the library knows end in its ValueError
-    or OSError, which `gem_lite.cli.main` prints as one sentence.
+    The docstrings of the class and of its fields are the help. If the library refuses a value with a ValueError or an
+    OSError, `gem_lite.cli.main` prints the message as one sentence.
     """
 
     examples: ClassVar[tuple[str, ...]] = ()
     """Command lines that work: the end of the help."""
     failures: ClassVar[tuple[type[Exception], ...]] = (OSError, ValueError)
-    """What says in one sentence why the command cannot do its work; anything else is an error of the program."""
+    """Errors whose message tells the user why the command failed. Any other error is a bug."""
 
     def run(self) -> None:
-        """Do what the command is for, and print what came of it."""
+        """Do the work and print the result."""
         raise NotImplementedError
 
-    def after_stop(self) -> str:
-        """What to say after Ctrl-C: how to go on, if that is possible."""
+    def stop_message(self) -> str:
+        """The message after Ctrl-C: how to continue, if that is possible."""
         return "stopped"
 
     @classmethod
     def defaults(cls, words: Sequence[str]) -> Self | None:
-        """An instance with the defaults that depend on ``words``, the command line; None for those of the fields."""
+        """Defaults that depend on the command line ``words``. None keeps the defaults of the fields."""
         return None
 
     @classmethod
     def more_help(cls) -> str:
-        """What the help says between the options and the examples."""
+        """Text of the help between the options and the examples."""
         return ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outside(Command):
-    """A command that takes names which modules outside the package may add."""
+class ImportingCommand(Command):
+    """A command that can import modules outside the package. They may register tasks, methods and others."""
 
     import_: Annotated[UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="import", metavar="MODULE")] = ()
     """module of yours that registers tasks, methods or others, found as python -m finds it (repeatable)"""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Filed(Outside):
-    """A command whose outcome is rows of results."""
+class MeasuringCommand(ImportingCommand):
+    """A command whose result is rows of a file of results."""
 
-    file: Annotated[bool, WHERE_ROWS_GO] = False
+    file: Annotated[bool, FILE_OR_OUT] = False
     """file the rows in data/results (without it they go to runs/results)"""
-    out: Annotated[Path | None, WHERE_ROWS_GO] = None
+    out: Annotated[Path | None, FILE_OR_OUT] = None
     """write the rows to this file instead"""
 
 
 def parse(command: type[Command], name: str, words: Sequence[str]) -> Command:
-    """A command's instance from its command line; loads the modules that ``--import`` names.
+    """Make a command from its command line, and import the modules of ``--import``.
 
     Raises:
-        ValueError: what is wrong with the words, in one sentence.
-        SystemExit: with code 0, after the help was asked for and printed.
+        ValueError: ``words`` has an error; the message is one sentence.
+        SystemExit: with code 0, after the help was printed.
     """
     prog = f"gem-lite {name}"
     with tyro_errors.on_parse_error(errors.refuse):
-        if issubclass(command, Outside):
-            load_outside(words)
+        if issubclass(command, ImportingCommand):
+            import_modules(words)
         defaults = command.defaults(words)
         errors.check_options(words, defaults or command, prog)
         start = {} if defaults is None else {"default": defaults}
@@ -92,26 +92,26 @@ def parse(command: type[Command], name: str, words: Sequence[str]) -> Command:
 
 
 def example_lines(command: type[Command]) -> list[str]:
-    """The end of a command's help."""
+    """The lines at the end of a command's help."""
     title = "example:" if len(command.examples) == 1 else "examples:"
     return [title, *(f"  {example}" for example in command.examples)]
 
 
-def first_look(part: type, words: Sequence[str]) -> object:
-    """The few fields of the dataclass ``part`` from a command line that holds more."""
-    known, _ = tyro.cli(part, args=words, return_unknown_args=True, add_help=False, config=MARKERS)
+def parse_known(fields: type, words: Sequence[str]) -> object:
+    """Fill the dataclass ``fields`` from a command line. Other options in it are ignored."""
+    known, _ = tyro.cli(fields, args=words, return_unknown_args=True, add_help=False, config=MARKERS)
     return known
 
 
-def load_outside(words: Sequence[str]) -> None:
+def import_modules(words: Sequence[str]) -> None:
     """Import the modules that ``--import`` names in ``words``.
 
     Raises:
-        ValueError: no such module.
+        ValueError: a module does not exist.
     """
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # As python -m does; the command's own script has its folder there.
-    for module in first_look(Outside, words).import_:
+        sys.path.insert(0, str(Path.cwd()))  # As python -m does. The script gem-lite has the script's folder there.
+    for module in parse_known(ImportingCommand, words).import_:
         try:
             importlib.import_module(module)
         except ModuleNotFoundError as error:

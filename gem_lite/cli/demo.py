@@ -1,4 +1,4 @@
-"""``gem-lite demo``: run the quickstart notebook with progress, print its outcome, keep it and its figure."""
+"""``gem-lite demo``: run the quickstart notebook, print its progress and its outcome, and save it and its figures."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from nbclient import NotebookClient
 from typing_extensions import override
 
 from gem_lite.cli.command import Command
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 
 FIGURE_TAGS = ("decision", "outcome")
-"""Tags of the notebook's cells whose figures are kept as files."""
+"""Tags of the notebook's cells whose figures are saved as files."""
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "00_quickstart.ipynb"
 
 
@@ -36,10 +36,10 @@ class Demo(Command):
         notebook = nbformat.read(NOTEBOOK, as_version=4)
         code = [cell for cell in notebook.cells if cell.cell_type == "code"]
         execute(notebook, code)
-        write_whole(self.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
+        write_atomically(self.out / NOTEBOOK.name, nbformat.writes(notebook).encode())
         print(f"\nThe executed notebook: {self.out / NOTEBOOK.name}")
         for tag in FIGURE_TAGS:
-            write_whole(self.out / f"{tag}.png", _tagged_picture(code, tag))
+            write_atomically(self.out / f"{tag}.png", _tagged_picture(code, tag))
             print(f"The figure of its {tag}: {self.out / tag}.png")
         print("\n" + next(line for line in _printed(code) if line.startswith("outcome of")))
         print("Open the series with: make lab")
@@ -47,13 +47,13 @@ class Demo(Command):
 
 def execute(notebook: nbformat.NotebookNode, code: list[nbformat.NotebookNode]) -> None:
     """Execute a notebook in place, and print the first line and the output of each of its ``code`` cells."""
-    began = time.time()
+    start = time.time()
 
     def report(cell: nbformat.NotebookNode, **_: object) -> None:
         if cell.cell_type != "code":
             return
         title = cell.source.splitlines()[0].lstrip("# ")
-        print(f"[{code.index(cell) + 1}/{len(code)}, {time.time() - began:4.0f} s] {title}", flush=True)
+        print(f"[{code.index(cell) + 1}/{len(code)}, {time.time() - start:4.0f} s] {title}", flush=True)
         for output in cell.outputs:
             if output.output_type == "stream" and output.name == "stdout":
                 print("    " + output.text.rstrip().replace("\n", "\n    "), flush=True)
@@ -74,4 +74,5 @@ def _printed(code: list[nbformat.NotebookNode]) -> list[str]:
 
 def _tagged_picture(code: list[nbformat.NotebookNode], tag: str) -> bytes:
     cell = next(cell for cell in code if tag in cell.metadata.get("tags", []))
-    return base64.b64decode(next(o.data["image/png"] for o in cell.outputs if "image/png" in o.get("data", {})))
+    pictures = (output.data["image/png"] for output in cell.outputs if "image/png" in output.get("data", {}))
+    return base64.b64decode(next(pictures))

@@ -1,4 +1,4 @@
-"""Bad command lines, each in one sentence: what came, and what is allowed."""
+"""Error messages for bad command lines: one sentence with the given value and the allowed ones."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def refuse(event: tyro_errors.ParseErrorEvent) -> NoReturn:
-    """What tyro calls in place of its boxed message.
+    """Raise the sentence for a parse error. tyro calls this function instead of printing its own message.
 
     Raises:
-        ValueError: always; its text is the sentence.
+        ValueError: always; its message is the sentence.
     """
     raise ValueError(_sentence(event))
 
@@ -45,17 +45,18 @@ def _sentence(event: tyro_errors.ParseErrorEvent) -> str:
 
 
 def _kind(argument: ArgumentDefinition) -> str:
-    """What an argument takes, such as INT."""
+    """The kind of value that an argument takes, such as INT."""
     return str(argument.lowered.metavar).removeprefix("{None}|")
 
 
 def check_options(words: Sequence[str], command: object, prog: str) -> None:
-    """Whether every option among ``words`` is a field of ``command``, a dataclass or an instance of one.
+    """Check that every option among ``words`` is a field of ``command``, a dataclass or an instance of one.
 
-    tyro takes an unknown option where it expects a positional argument for a missing value, so this comes first.
+    This check comes before tyro, whose message for an unknown option can be wrong: it may report a missing value of a
+    positional argument.
 
     Raises:
-        ValueError: an unknown option; the message has the nearest one.
+        ValueError: an option is unknown; the message has the nearest option.
     """
     known = ["--help", *options(command)]
     for word in words:
@@ -65,7 +66,7 @@ def check_options(words: Sequence[str], command: object, prog: str) -> None:
 
 
 def options(command: object, prefix: str = "--") -> Iterator[str]:
-    """The names of all options, nested ones with their dots."""
+    """The names of all options. The names of nested options contain dots."""
     for field in dataclasses.fields(command):
         name = prefix + field.name.strip("_").replace("_", "-")
         value = getattr(command, field.name, field.default)
@@ -76,6 +77,6 @@ def options(command: object, prefix: str = "--") -> Iterator[str]:
 
 
 def nearest(name: str, known: Sequence[str], prog: str) -> str:
-    """The end of a refusal: the known name that is most like ``name``, or where all are listed."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"the nearest: {near[0]}" if near else f"see {prog} --help"
+    """The end of an error message: the known name nearest to ``name``, or a pointer to the help."""
+    matches = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"the nearest: {matches[0]}" if matches else f"see {prog} --help"

@@ -11,14 +11,14 @@ from tyro.conf import Positional
 
 from gem_lite import tasks
 from gem_lite.cli import names
-from gem_lite.cli.command import Filed
+from gem_lite.cli.command import MeasuringCommand
 from gem_lite.evaluation import evaluate, results
 from gem_lite.tasks import Split
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Filed):
-    """Measure a policy over episodes of a task; prints the mean with its 95 % interval and writes the row."""
+class Evaluate(MeasuringCommand):
+    """Measure a policy over episodes of a task. Prints the mean with its 95 % interval and writes the rows."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gem-lite evaluate gem put-block-in-bowl-unseen-colors --checkpoint data/gem-put-block-in-bowl.safetensors",
@@ -30,19 +30,19 @@ class Evaluate(Filed):
     task: Positional[str]
     """name of the task, see below"""
     checkpoint: Path | None = None
-    """of a learned method: the checkpoint to load"""
+    """checkpoint to load, for a learned method"""
     episodes: int = 100
-    """how many"""
+    """number of episodes"""
     start: int = 0
     """index of the first episode in the split"""
     split: Split = "test"
-    """which episodes"""
+    """split of the episodes"""
     world: str = "home"
-    """how it looks, see below"""
+    """looks of the world, see below"""
     clip: str | None = None
     """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
     processes: int | None = None
-    """how many episodes run at once (without it: one a core)"""
+    """number of episodes that run at once (without it: one per core)"""
 
     @override
     def run(self) -> None:
@@ -59,6 +59,6 @@ class Evaluate(Filed):
     @classmethod
     def more_help(cls) -> str:
         scripted = (
-            f"  {', '.join(evaluate.SCRIPTED)}: need no checkpoint; expert-rounded is what rounding alone costs\n"
+            f"  {', '.join(evaluate.SCRIPTED)}: need no checkpoint; expert-rounded shows the loss by rounding alone\n"
         )
         return "\n".join([names.method_names() + scripted, names.task_names(), names.world_names()])

@@ -1,4 +1,4 @@
-"""Names that helps list: they are the library's, with those that outside modules added."""
+"""Lists of names for the help: those of the library and those of imported modules."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gem_lite.simulation import worlds
 
 
 def task_names() -> str:
-    """Every task, one a line."""
+    """Every task, one per line."""
     return "\n".join(["tasks:", *(f"  {name}" for name in tasks.names()), ""])
 
 
@@ -18,5 +18,5 @@ def world_names() -> str:
 
 
 def method_names() -> str:
-    """Every learned method, with what its name means."""
+    """Every learned method, with the meaning of its name."""
     return methods.help_text() + "\n"

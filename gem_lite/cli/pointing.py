@@ -8,13 +8,13 @@ from typing import ClassVar, Literal
 from typing_extensions import override
 
 from gem_lite import tasks
-from gem_lite.cli.command import Filed
+from gem_lite.cli.command import MeasuringCommand
 from gem_lite.evaluation import pointing, pointing_scenes, results
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pointing(Filed):
-    """Play the pointing game with every kind of semantic map; prints and writes one row a map."""
+class Pointing(MeasuringCommand):
+    """Play the pointing game with every kind of semantic map. Prints and writes one row for each map."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gem-lite pointing --scenes 200 --kind shapes",
@@ -22,11 +22,11 @@ class Pointing(Filed):
     )
 
     scenes: int = 200
-    """how many scenes of a kind, or episodes of the task"""
+    """number of scenes of a kind, or of episodes of the task"""
     kind: Literal["bowls", "shapes"] | None = None
-    """which scenes (without it: both kinds)"""
+    """kind of the scenes (without it: both kinds)"""
     task: Literal["packing-shapes-seen", "packing-shapes-unseen"] | None = None
-    """instead of scenes: the test episodes of this task, with the text-conditioned map alone"""
+    """measure the test episodes of this task instead of scenes, with the text-conditioned map alone"""
     clip: str | None = None
     """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
 

@@ -1,4 +1,4 @@
-"""``gem-lite results``: what is filed in data/results, and the experiments that file it."""
+"""``gem-lite results``: the results in data/results, and the experiments that produce them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gem_lite.evaluation.experiments import Experiment
 
 @dataclass(frozen=True, kw_only=True)
 class List(Command):
-    """Name the files of results, and the tasks and methods that their rows are of."""
+    """Name the files of results, and the methods (or maps) of their rows."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite results list",)
 
     folder: Path = results.RESULTS
-    """where the files are; runs that nobody filed are in runs/results"""
+    """folder of the files; results without --file are in runs/results"""
 
     @override
     def run(self) -> None:
@@ -36,12 +36,12 @@ class List(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Show(Command):
-    """Print the rows of a file of results, one a line."""
+    """Print the rows of a file of results, one per line."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite results show put-block-in-bowl --method gem --world home",)
 
     name: Positional[str]
-    """of the file, as `gem-lite results list` has it; or a path to another one"""
+    """name of the file, as in `gem-lite results list`, or the path of another file"""
     method: str | None = None
     """only rows of this method (or of this map)"""
     task: str | None = None
@@ -51,31 +51,35 @@ class Show(Command):
 
     @override
     def run(self) -> None:
-        filed = results.RESULTS / f"{self.name}.jsonl"
-        path = filed if filed.exists() else Path(self.name)
+        named = results.RESULTS / f"{self.name}.jsonl"
+        path = named if named.exists() else Path(self.name)
         if not path.is_file():
             names = ", ".join(sorted(path.stem for path in results.RESULTS.glob("*.jsonl")))
             raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {names}")
-        shown = [row for row in results.read_rows(path) if self.wants(row)]
-        if not shown:
+        rows = [row for row in results.read_rows(path) if self.selects(row)]
+        if not rows:
             raise ValueError(f"{path} has no such row")
-        for row in shown:
+        for row in rows:
             print(described(row))
 
-    def wants(self, row: dict) -> bool:
-        """Whether a row is one of those asked for."""
-        wanted = ((self.method, row.get("method", row.get("map"))), (self.task, row.get("task")))
-        return all(value in (None, there) for value, there in (*wanted, (self.world, row.get("world"))))
+    def selects(self, row: dict) -> bool:
+        """Whether a row has the given method, task and world."""
+        method = row.get("method", row.get("map"))
+        return (
+            self.method in (None, method)
+            and self.task in (None, row.get("task"))
+            and self.world in (None, row.get("world"))
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(Command):
-    """Name every experiment behind the lessons: what is filed, and what is to do."""
+    """Name every experiment behind the lessons, and whether it is filed or to do."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite results plan --only cliport",)
 
     only: str = ""
-    """only experiments whose name holds this"""
+    """only experiments whose name contains this"""
 
     @override
     def run(self) -> None:
@@ -85,27 +89,27 @@ class Plan(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Command):
-    """Train and measure the whole comparison and file it in data/results; what is filed is left out. Takes hours."""
+    """Run all experiments that are to do, and file their results in data/results. This takes hours."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite results run --only cliport --jobs 2",)
     failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, RuntimeError)
 
     only: str = ""
-    """only experiments whose name holds this"""
+    """only experiments whose name contains this"""
     jobs: int | None = None
-    """how many at once (without it: one a core)"""
+    """number of experiments that run at once (without it: one per core)"""
 
     @override
     def run(self) -> None:
         experiments.run_all(planned(self.only), self.jobs or os.cpu_count() or 1)
 
     @override
-    def after_stop(self) -> str:
+    def stop_message(self) -> str:
         return "stopped; the same command goes on with what is not filed yet"
 
 
 def planned(only: str) -> list[Experiment]:
-    """The experiments whose name holds ``only``. Raises ValueError if there is none."""
+    """The experiments whose name contains ``only``. Raises ValueError if there is none."""
     plan = [experiment for experiment in experiments.PLAN if only in experiment.name]
     if not plan:
         raise ValueError(f"no experiment's name holds {only!r}: see gem-lite results plan")
@@ -113,7 +117,7 @@ def planned(only: str) -> list[Experiment]:
 
 
 def described(row: dict) -> str:
-    """A row in one line: what it is of, and what it scored (0-100, with its 95 % interval)."""
+    """A row in one line: its method, task, world and details, and its mean (0-100, with the 95 % interval)."""
     if row.get("kind") == "pointing":
         return pointing.described(row)
     parts = {"demos": "demos", "steps": "steps", "seed": "seed", "poses": "poses by", "shift": "shift", "turn": "turn"}

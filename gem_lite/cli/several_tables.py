@@ -11,17 +11,17 @@ from tyro.conf import Positional
 
 from gem_lite import clip, tasks
 from gem_lite.cli import names
-from gem_lite.cli.command import Filed
+from gem_lite.cli.command import MeasuringCommand
 from gem_lite.evaluation import evaluate_mobile, results
 from gem_lite.tasks import Split
 
 SORTING = str(clip.DATA / "clip-sorting")
-"""The embedded CLIP that knows boxes with symbols."""
+"""The embedded CLIP that was trained on boxes with symbols."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeveralTables(Filed):
-    """Measure a policy over several tables, found by their tags and by their true poses; writes a row for each."""
+class SeveralTables(MeasuringCommand):
+    """Measure a policy over several tables, with their poses from tags and with their true poses. Writes all rows."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gem-lite several-tables data/gem-object-sorting.safetensors --curve",
@@ -29,25 +29,25 @@ class SeveralTables(Filed):
     )
 
     checkpoint: Positional[Path]
-    """the policy"""
+    """checkpoint of the policy"""
     tasks: tuple[str, ...] = evaluate_mobile.TASKS
-    """one after the other"""
+    """names of the tasks"""
     episodes: int = 100
-    """how many of each task"""
+    """number of episodes of each task"""
     start: int = 0
     """index of the first episode in the split"""
     split: Split = "test"
-    """which episodes"""
+    """split of the episodes"""
     tables: int = 2
-    """how many"""
+    """number of tables"""
     curve: bool = False
-    """also with injected errors of the poses"""
+    """also measure with added errors of the poses"""
     world: str = "home"
-    """how it looks, see below"""
+    """looks of the world, see below"""
     clip: str = SORTING
     """Hugging Face name or folder of a CLIP"""
     processes: int | None = None
-    """how many episodes run at once (without it: one a core)"""
+    """number of episodes that run at once (without it: one per core)"""
 
     @override
     def run(self) -> None:

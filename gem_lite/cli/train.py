@@ -1,4 +1,4 @@
-"""``gem-lite train``: train a method from demonstrations, with every value of its configuration to be set."""
+"""``gem-lite train``: train a method from demonstrations. Options can set every value of its configuration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing_extensions import override
 from tyro.conf import FlagConversionOff, Positional
 
 from gem_lite.cli import names
-from gem_lite.cli.command import Command, Outside, first_look
+from gem_lite.cli.command import Command, ImportingCommand, parse_known
 from gem_lite.config import Config
 from gem_lite.learning import train
 from gem_lite.policies import methods
@@ -21,27 +21,27 @@ from gem_lite.policies.base import PickPlacePolicy
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """The words that decide which values a configuration has, and their defaults."""
+    """The options that choose the method's configuration, and their defaults."""
 
     method: str = "gem"
     """name of the method, see below"""
     preset: str = "lite"
-    """the configuration to begin with: lite, for two CPU cores, or paper"""
+    """the base of the configuration: lite, for two CPU cores, or paper"""
 
     def find(self) -> tuple[type[PickPlacePolicy], Config]:
-        """The method's class, and its preset with what the endings of its name switch off.
+        """The method's class, and its configuration from the preset and the endings of its name.
 
         Raises:
-            ValueError: no such method or preset.
+            ValueError: the method or the preset is unknown.
         """
         return methods.find(self.method, self.preset)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(Method, Outside):
-    """Train a method from demonstrations. A training that was stopped goes on.
+class Train(Method, ImportingCommand):
+    """Train a method from demonstrations. A stopped training continues.
 
-    With several processes, `accelerate launch --num_processes 4 -m gem_lite.cli train ...`, each draws its own batch.
+    With several processes (`accelerate launch --num_processes 4 -m gem_lite.cli train ...`), each draws its own batch.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -55,22 +55,22 @@ class Train(Method, Outside):
     checkpoint: Positional[Path]
     """safetensors file to write"""
     episodes: int | None = None
-    """use only the first so many demonstrations"""
+    """number of demonstrations to use, from the first (without it: all)"""
     seed: int = 0
-    """seed of weights and draws"""
+    """seed of the weights and of the batches"""
     clip: str | None = None
     """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
     device: Literal["cpu", "cuda"] = "cpu"
-    """where to train"""
+    """device of the training"""
     state: Path | None = None
     """folder for the state to resume from (without it: runs/<checkpoint>)"""
     config: Annotated[Config, FlagConversionOff]
-    """Every value of the method's configuration, as the preset has it; the length of the table is the task's."""
+    """The values of the method's configuration; the defaults are the preset's. The task sets the table's length."""
 
     @override
     @classmethod
     def defaults(cls, words: Sequence[str]) -> Self:
-        chosen = first_look(Method, words)
+        chosen = parse_known(Method, words)
         return cls(
             demonstrations=tyro.MISSING, checkpoint=tyro.MISSING, method=chosen.method, preset=chosen.preset,
             config=chosen.find()[1],
@@ -80,7 +80,7 @@ class Train(Method, Outside):
     def run(self) -> None:
         method, preset = self.find()
         if self.config.table != preset.table:
-            raise ValueError("--config.table: the task of the demonstrations decides it; leave it out")
+            raise ValueError("--config.table must be left out: the task of the demonstrations sets it")
         card = train.train_from_folder(
             self.demonstrations, self.checkpoint, method, self.config, self._state, self.seed, self.episodes,
             self.clip, self.device,
@@ -92,7 +92,7 @@ class Train(Method, Outside):
             )
 
     @override
-    def after_stop(self) -> str:
+    def stop_message(self) -> str:
         return f"stopped; the same command goes on from the last state in {self._state}"
 
     @property

@@ -1,4 +1,4 @@
-"""One frozen CLIP: a real one by name, a local folder, or the embedded one in data/clip-tabletop."""
+"""A frozen CLIP: a published one by its name, one in a local folder, or the embedded one in data/clip-tabletop."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 
 class Clip:
-    """A frozen image and text encoder with unit-length embeddings. Make one with `load`.
+    """A frozen image and text encoder with unit-length embeddings. `load` makes one.
 
     Attributes:
-        name: what was loaded; figures and results carry it.
-        dim: length of an embedding.
-        width: how many features of a picture's place are pooled and projected to its embedding.
-        fingerprint: a short hash of the weights: tells two models apart whatever their names.
+        name: the model's name in figures and results.
+        dim: the number of entries of an embedding.
+        width: the number of features at each position of a picture, before they are pooled and projected.
+        fingerprint: a short hash of the weights, which identifies the model.
         folder: the local folder with the model's files, if there is one.
     """
 
@@ -43,7 +43,8 @@ class Clip:
         self, name: str, model: torch.nn.Module, tokenizer: PreTrainedTokenizerBase, preprocessing: dict,
         folder: Path | None,
     ) -> None:  # fmt: skip
-        self.name, self.folder = name, folder
+        self.name = name
+        self.folder = folder
         self.fingerprint = _fingerprint(model)
         model.eval().requires_grad_(False)
         if isinstance(model, ResNetClip):
@@ -56,7 +57,8 @@ class Clip:
             size = size.get("height") or size["shortest_edge"]
         self._size = int(size)
         mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
-        self._scale, self._shift = 1 / std, -mean / std
+        self._scale = 1 / std
+        self._shift = -mean / std
         self.dim = int(self._model.config.projection_dim)
         self.width = int(self._model.visual_projection.in_features)
         self._texts: dict[str, torch.Tensor] = {}
@@ -66,19 +68,19 @@ class Clip:
         """The scale of this model's scores and its retrieval threshold.
 
         Raises:
-            FileNotFoundError: they were never measured; the message names the command that does.
+            FileNotFoundError: they were never measured; the message names the command that measures them.
             ValueError: their file is damaged.
         """
         return read(self)
 
     @property
     def parameter_count(self) -> int:
-        """How many numbers the model holds."""
+        """The number of parameters of the model."""
         return sum(parameter.numel() for parameter in self._model.parameters())
 
     @property
     def device(self) -> torch.device:
-        """Where the model lives."""
+        """The device of the model."""
         return next(self._model.parameters()).device
 
     def to(self, device: str | torch.device) -> Clip:
@@ -89,13 +91,13 @@ class Clip:
 
     @torch.inference_mode()
     def embed_texts(self, phrases: Sequence[str]) -> torch.Tensor:
-        """Embed phrases; each is encoded once and remembered.
+        """Embed phrases. Each phrase is encoded once, and its embedding is kept.
 
         Returns:
             (N, dim) float32, unit length.
 
         Raises:
-            ValueError: an empty phrase.
+            ValueError: a phrase is empty.
         """
         if any(not phrase.strip() for phrase in phrases):
             raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
@@ -111,7 +113,7 @@ class Clip:
 
     @torch.inference_mode()
     def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 64) -> torch.Tensor:
-        """Embed a stack of equally large pictures.
+        """Embed several pictures of the same size.
 
         Args:
             images: (N, H, W, 3) uint8.
@@ -131,24 +133,24 @@ class Clip:
 
     @torch.inference_mode()
     def dense_features(self, image: np.ndarray, patch: int) -> torch.Tensor:
-        """The last features before they are pooled, of every place of a picture in one forward pass.
+        """The last features before pooling, at all positions of a picture, from one forward pass.
 
-        Coarser than patches that are embedded one by one, and each place has seen its surroundings. The
-        picture is enlarged so that ``patch`` pixels become as wide as the pictures that the model knows.
+        They are coarser than the embeddings of single patches, and the features of a position also depend on its
+        surroundings. The picture is resized so that ``patch`` pixels become as wide as the model's training pictures.
 
         Args:
             image: (H, W, 3) uint8.
 
         Returns:
-            (width, h, w) float32 on the CPU, of mean square 1 at every place; cell (i, j) is centred in its
-            share of the picture.
+            (width, h, w) float32 on the CPU, with mean square 1 at every position. The picture is divided into
+            h x w equal parts, and position (i, j) is the centre of part (i, j).
         """
         features = self._features(image, patch)  # (h, w, width)
         return (self.width**0.5 * F.normalize(features.float(), dim=-1)).permute(2, 0, 1).cpu().contiguous()
 
     @torch.inference_mode()
     def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
-        """`dense_features` taken to where pictures are compared with words: (dim, h, w), unit length at every place."""
+        """`dense_features`, projected to embeddings, which can be compared with texts: (dim, h, w), unit length."""
         features = self._model.visual_projection(self._features(image, patch))  # (h, w, dim)
         return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
 
@@ -178,21 +180,21 @@ def _fingerprint(model: torch.nn.Module) -> str:
 
 
 def unit(features: object) -> torch.Tensor:
-    """What ``get_image_features`` or ``get_text_features`` returned, as unit-length float32 vectors."""
+    """The result of ``get_image_features`` or ``get_text_features`` as unit-length float32 vectors."""
     # Newer transformers wrap the projected features in an output object.
     tensor = features if isinstance(features, torch.Tensor) else cast(Any, features).pooler_output
     return F.normalize(tensor.float(), dim=-1)
 
 
 def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
-    # Float32 whatever the file holds: half precision is slow on a CPU, and maps are compared to 1e-4.
+    # Always float32: half precision is slow on a CPU, and too rough for maps that are compared to 1e-4.
     model = transformers.AutoModel.from_pretrained(name, local_files_only=offline, dtype=torch.float32)
     tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
     return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
 
 
 def _find(name: str) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
-    """What is on this machine first; only then, and saying so, the network."""
+    """Load from this machine. If the model is not there, print a message and ask the network."""
     transformers.utils.logging.disable_progress_bar()
     try:
         return _from_pretrained(name, offline=True)
@@ -210,11 +212,11 @@ def load(name_or_path: str | Path | None = None) -> Clip:
 
     Args:
         name_or_path: a Hugging Face name such as ``openai/clip-vit-base-patch32`` (the paper's) or a
-            folder in that format. Without it, the environment variable GEM_LITE_CLIP decides; without
-            that, the embedded CLIP, which this project trained itself on rendered table scenes.
+            folder in that format. The default is the environment variable GEM_LITE_CLIP; if it is not set, the
+            embedded CLIP, which this project trained itself on rendered table scenes.
 
     Raises:
-        OSError: the model is neither in the folder, nor in the local cache, nor to be reached.
+        OSError: the model is not in the folder, not in the local cache, and cannot be downloaded.
     """
     name = str(name_or_path or os.environ.get(ENVIRONMENT_VARIABLE) or EMBEDDED)
     try:

@@ -1,8 +1,8 @@
-"""The numbers that belong to one CLIP: the scale of its scores and its retrieval threshold.
+"""The numbers of a CLIP: the scale of its scores and its retrieval threshold.
 
-A real CLIP's cosines between a picture and a matching text lie near 0.3, another model's near 0.8. The
-maps are scaled by constants of the model in use, never by the minimum and maximum of the image at hand.
-`gem_lite.learning.calibrating` measures them.
+The cosine between a picture and a matching text is near 0.3 for OpenAI's CLIP and near 0.8 for other models. So maps
+are scaled by constants of the model, never by the minimum and maximum of the present image.
+`gem_lite.learning.calibrating` measures these constants.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gem_lite.files import DATA, read_json, write_whole
+from gem_lite.files import DATA, read_json, write_atomically
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip
@@ -24,12 +24,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Linear scales that send the typical empty cell to 0 and the typical match to 1, and a threshold.
+    """Two linear scales and a threshold. A scale maps the score of a typical empty cell to 0 and of a match to 1.
 
-    ``retrieval_threshold`` is the cosine above which two phrases mean the same (0.965 for OpenAI's
-    ViT-B/32 in the paper).
+    Attributes:
+        text_low, text_high: text-to-image cosine of an empty cell, and of a match.
+        image_low, image_high: image-to-image cosine of an empty cell, and of a match.
+        retrieval_threshold: two phrases mean the same if their cosine is above it (0.965 for OpenAI's ViT-B/32 in
+            the paper).
 
-    Raises ValueError for what is no cosine, or a scale whose match is not above its empty cell.
+    Raises:
+        ValueError: a number is not a cosine, or a high value is not above its low value.
     """
 
     text_low: float
@@ -56,7 +60,7 @@ class Calibration:
 
 
 def path_for(clip: Clip) -> Path:
-    """Where a CLIP's calibration is kept: beside an embedded model, in the user's cache for others."""
+    """The file of a CLIP's calibration: in the folder of an embedded model; for others in the user's cache."""
     if clip.folder is not None and clip.folder.resolve().parent == DATA.resolve():
         return clip.folder / "calibration.json"
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gem_lite"
@@ -64,10 +68,10 @@ def path_for(clip: Clip) -> Path:
 
 
 def read(clip: Clip) -> Calibration:
-    """A CLIP's calibration from its file.
+    """Read a CLIP's calibration from its file.
 
     Raises:
-        FileNotFoundError: it was never measured; the message names the command that does.
+        FileNotFoundError: it was never measured; the message names the command that measures it.
         ValueError: the file is damaged.
     """
     path = path_for(clip)
@@ -82,7 +86,7 @@ def read(clip: Clip) -> Calibration:
 
 
 def write(clip: Clip, calibration: Calibration) -> Path:
-    """File a CLIP's calibration; returns where."""
+    """Write a CLIP's calibration to its file. Returns the file's path."""
     path = path_for(clip)
-    write_whole(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
+    write_atomically(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
     return path

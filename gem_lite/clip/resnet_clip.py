@@ -18,14 +18,14 @@ class ResNetClipConfig(VisionTextDualEncoderConfig):
 
 
 class ResNetClip(VisionTextDualEncoderModel):
-    """`VisionTextDualEncoderModel` as it is, but for two layers without weights of its ResNet.
+    """`VisionTextDualEncoderModel` with changes in two layers of its ResNet that have no weights.
 
-    The picture is 40 pixels wide: the stem's max pooling is left out, which keeps twice the resolution
-    for strokes two pixels wide. The pooled features are flattened, as the projection wants them.
+    The picture is only 40 pixels wide, and strokes are two pixels wide. So the first layers have no max pooling, which
+    doubles the resolution. The pooled features are flattened, because the projection needs vectors.
     """
 
     config_class = ResNetClipConfig
-    vision_model: Any  # transformers says of it only that it is a module
+    vision_model: Any  # transformers gives it no other type than Module
 
     def __init__(self, config: ResNetClipConfig) -> None:
         super().__init__(config)
@@ -33,10 +33,11 @@ class ResNetClip(VisionTextDualEncoderModel):
         self.vision_model.pooler = nn.Sequential(self.vision_model.pooler, nn.Flatten())
 
     def feature_map(self, pixels: torch.Tensor) -> torch.Tensor:
-        """What is pooled and projected to an embedding, before it is: (N, 3, H, W) to (N, h, w, channels).
+        """The features before pooling and projection: (N, 3, H, W) to (N, h, w, channels).
 
-        A picture of 40 pixels makes three cells of 16, and the tower has learned to see in them its 40
-        pixels. Moved by half of what is missing, every cell of a larger picture is about its own 16.
+        One position covers 16 pixels. In training, a picture had 40 pixels, which is three positions (48 pixels): 8
+        pixels are missing. So a larger picture is shifted by half of them, and every position is centred on its own
+        16 pixels.
         """
         vision: Any = self.config.vision_config
         shift = -vision.image_size % 2 ** len(vision.depths) // 2
@@ -44,7 +45,7 @@ class ResNetClip(VisionTextDualEncoderModel):
         return self.vision_model(moved).last_hidden_state.permute(0, 2, 3, 1)
 
     def fold_batch_norms(self) -> None:
-        """Put every batch normalisation into the convolution before it: the same function, faster; for inference."""
+        """Merge every batch normalisation into the convolution before it, for faster inference with the same result."""
         for layer in self.vision_model.modules():
             if isinstance(getattr(layer, "normalization", None), nn.BatchNorm2d):
                 layer.convolution = fuse_conv_bn_eval(layer.convolution, layer.normalization)

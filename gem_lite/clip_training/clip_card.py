@@ -13,7 +13,7 @@ from gem_lite.clip_training.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAME
 from gem_lite.simulation import objects, shapes
 
 SEED = 1_000_003
-"""The card's scenes come from this seed and the two after it; training's from seed 0, other tests' from neither."""
+"""The seeds of the card's scenes are this one and the next two. Training and other tests use other seeds."""
 SCENES = {"test": 100, "held-out": 60, "foreign": 25}
 
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -38,7 +38,7 @@ UNREAD_COLORS: dict[str, tuple[str, ...]] = {
     "gray": ("charcoal", "slate"),
     "black": ("onyx", "inky"),
 }
-"""Words for colours that no caption holds."""
+"""Words for colours that are in no caption."""
 UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
     "block": ("brick", "chunk", "lump"),
     "bowl": ("basin", "tureen"),
@@ -49,7 +49,7 @@ UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
     "toy car": ("vehicle",),
     "chair": ("stool",),
 }
-"""Words for shapes and objects that no caption holds."""
+"""Words for shapes and objects that are in no caption."""
 
 CARD = """# The embedded CLIP
 
@@ -75,7 +75,7 @@ The same crops by another wording: colours and nouns replaced by synonyms where 
 
 | crops of | crops | colour | shape or object | pair |
 |---|---|---|---|---|
-{reworded}
+{synonyms}
 
 Patches as semantic maps cut them, anywhere on an object, many showing a piece of it:
 
@@ -95,10 +95,10 @@ all {shapes_count} shapes and objects.
 ## What it was shown
 
 Colours: {colors}. Shapes and objects: {shapes}. Parts such as {parts}. Synonyms such as "scarlet" and "cube", plurals
-and several templates are in its captions; so are {strangers} nouns that no picture goes with ("sofa"), which teach it
+and several templates are in its captions; so are {unpictured} nouns that no picture goes with ("sofa"), which teach it
 that an unknown thing is none of those it knows. About a third of training's bodies had any colour at all and captions
 that name the shape alone. Views: jittered copies of the table's three cameras and the fused height map; light, table
-and floor vary. Never shown in these pairs, nor said: {held_out}.
+and floor vary. These pairs were in no picture and no caption: {held_out}.
 
 The blocks, the bowls and the kitting pieces of the tasks are the very meshes of its training, in other scenes; so are
 those of this card's tests. Only the everyday objects of tests have proportions of their own. Its success with blocks,
@@ -116,15 +116,15 @@ its own, and pictures of the real world are beyond it. Pieces whose outlines are
 """
 
 
-def accuracy(model: Clip, crops: Crops, reworded: bool = False) -> dict[str, float]:
+def accuracy(model: Clip, crops: Crops, synonyms: bool = False) -> dict[str, float]:
     """Zero-shot accuracy (0-100) on crops of objects in named colours: colour, shape, and both at once.
 
-    ``reworded`` takes each colour's and shape's last synonym instead of its plain name.
+    With ``synonyms``, each colour and shape is named by its last synonym instead of its plain name.
     """
-    crops = crops.chosen((crops.color >= 0) & (crops.shape >= 0))
+    crops = crops.select((crops.color >= 0) & (crops.shape >= 0))
     image = model.embed_images(crops.images).cpu()
-    colors = [names[-1 if reworded else 0] for names in vocabulary.COLORS.values()]
-    nouns = [names[-1 if reworded else 0] for names in vocabulary.SHAPES.values()]
+    colors = [names[-1 if synonyms else 0] for names in vocabulary.COLORS.values()]
+    nouns = [names[-1 if synonyms else 0] for names in vocabulary.SHAPES.values()]
 
     def share(phrases: Sequence[str], truth: np.ndarray) -> float:
         guess = (image @ model.embed_texts(phrases).cpu().T).argmax(dim=1).numpy()
@@ -140,7 +140,7 @@ def accuracy(model: Clip, crops: Crops, reworded: bool = False) -> dict[str, flo
 
 def part_accuracy(model: Clip, crops: Crops) -> dict[str, float]:
     """Accuracy (0-100) of naming the part that a crop shows, among all parts and among its object's own."""
-    crops = crops.chosen(crops.part >= 0)
+    crops = crops.select(crops.part >= 0)
     words = model.embed_texts([f"{noun} {part}" for noun, part in PART_KEYS]).cpu()
     scores = (model.embed_images(crops.images).cpu() @ words.T).numpy()
     shape_of_part = np.array([SHAPE_NAMES.index(noun) for noun, _ in PART_KEYS])
@@ -153,28 +153,27 @@ def part_accuracy(model: Clip, crops: Crops) -> dict[str, float]:
 
 
 def unread_words(model: Clip, words: dict[str, tuple[str, ...]], plain: Sequence[str], template: str) -> list[bool]:
-    """For each word that no caption holds: whether the text tower puts it nearest to the plain name that it means.
+    """For each word that is in no caption: whether the plain name with its meaning is the nearest to its embedding.
 
     Args:
-        words: the words by the plain name that each means.
-        plain: all names that compete.
-        template: a wording with a place ``{}`` for the word.
+        words: the words by the plain name with their meaning.
+        plain: all plain names.
+        template: a phrase with a place ``{}`` for the word.
     """
     names = model.embed_texts([template.format(name) for name in plain])
-    asked = model.embed_texts([template.format(word) for meant in words.values() for word in meant])
-    truth = [name for name, meant in words.items() for _ in meant]
-    return [plain[nearest] == name for nearest, name in zip((asked @ names.T).argmax(dim=1), truth, strict=True)]
+    unread = model.embed_texts([template.format(word) for group in words.values() for word in group])
+    truth = [name for name, group in words.items() for _ in group]
+    return [plain[nearest] == name for nearest, name in zip((unread @ names.T).argmax(dim=1), truth, strict=True)]
 
 
 def _of(crops: Crops, names: Sequence[str]) -> Crops:
-    return crops.chosen(np.isin(crops.shape, [SHAPE_NAMES.index(name) for name in names]))
+    return crops.select(np.isin(crops.shape, [SHAPE_NAMES.index(name) for name in names]))
 
 
 def _held_out(crops: Crops) -> Crops:
     pairs = zip(crops.color, crops.shape, strict=True)
-    return crops.chosen(
-        np.array([c >= 0 and (COLOR_NAMES[c], SHAPE_NAMES[s]) in vocabulary.HELD_OUT for c, s in pairs])
-    )
+    held_out = [c >= 0 and (COLOR_NAMES[c], SHAPE_NAMES[s]) in vocabulary.HELD_OUT for c, s in pairs]
+    return crops.select(np.array(held_out))
 
 
 def _rows(test: Crops, held_out: Crops, foreign: Crops) -> dict[str, Crops]:
@@ -186,25 +185,25 @@ def _rows(test: Crops, held_out: Crops, foreign: Crops) -> dict[str, Crops]:
     }
 
 
-def _table(model: Clip, rows: dict[str, Crops], reworded: bool = False) -> str:
+def _table(model: Clip, rows: dict[str, Crops], synonyms: bool = False) -> str:
     lines = []
     for title, crops in rows.items():
-        found = accuracy(model, crops, reworded)
-        lines.append(f"| {title} | {found['crops']} | {found['color']} | {found['shape']} | {found['both']} |")
+        shares = accuracy(model, crops, synonyms)
+        lines.append(f"| {title} | {shares['crops']} | {shares['color']} | {shares['shape']} | {shares['both']} |")
     return "\n".join(lines)
 
 
 def _worst(model: Clip, crops: Crops, count: int = 6) -> str:
-    found = {name: accuracy(model, _of(crops, [name]))["shape"] for name in SHAPE_NAMES}
-    return ", ".join(f"{name} ({found[name]:.0f} %)" for name in sorted(found, key=found.get)[:count])
+    shares = {name: accuracy(model, _of(crops, [name]))["shape"] for name in SHAPE_NAMES}
+    return ", ".join(f"{name} ({shares[name]:.0f} %)" for name in sorted(shares, key=shares.get)[:count])
 
 
 def write(out: Path, model: Clip, training_crops: int) -> str:
     """Measure a model and write its card, README.md of its folder; returns the text."""
     kinds = {kind: render_crops(scenes, SEED + i, kind) for i, (kind, scenes) in enumerate(SCENES.items())}
-    whole = {title: crops.chosen(crops.whole) for title, crops in _rows(*kinds.values()).items()}
-    patches = {title: crops.chosen(~crops.whole) for title, crops in _rows(*kinds.values()).items()}
-    parts = part_accuracy(model, kinds["test"].chosen(~kinds["test"].whole))
+    whole = {title: crops.select(crops.whole) for title, crops in _rows(*kinds.values()).items()}
+    patches = {title: crops.select(~crops.whole) for title, crops in _rows(*kinds.values()).items()}
+    parts = part_accuracy(model, kinds["test"].select(~kinds["test"].whole))
     pairs = len(COLOR_NAMES) * len(SHAPE_NAMES)
     unread_colors = unread_words(model, UNREAD_COLORS, COLOR_NAMES, "{} block")
     unread_nouns = unread_words(model, UNREAD_NOUNS, SHAPE_NAMES, "a {}")
@@ -218,7 +217,7 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
         shapes_count=len(SHAPE_NAMES),
         pairs_count=pairs,
         whole=_table(model, whole),
-        reworded=_table(model, {title: whole[title] for title in list(whole)[:2]}, reworded=True),
+        synonyms=_table(model, {title: whole[title] for title in list(whole)[:2]}, synonyms=True),
         patches=_table(model, patches),
         part_all=parts["all"],
         part_own=parts["own"],
@@ -232,7 +231,7 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
         colors=", ".join(COLOR_NAMES),
         shapes=", ".join(SHAPE_NAMES),
         parts=", ".join(f'"{noun} {part}"' for noun, part in PART_KEYS[:6]),
-        strangers=len(vocabulary.STRANGERS),
+        unpictured=len(vocabulary.NOUNS_WITHOUT_PICTURES),
         held_out=", ".join(f"{c} {s}" for c, s in sorted(vocabulary.HELD_OUT)),
     )
     (out / "README.md").write_text(text, encoding="utf-8")

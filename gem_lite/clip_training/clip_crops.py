@@ -59,7 +59,7 @@ class Crops:
 
     ``images`` (N, 40, 40, 3) uint8. ``color``, ``shape`` and ``part`` (N,) are indices into `COLOR_NAMES`,
     `NOUN_NAMES` (which begins with all of `SHAPE_NAMES`) and `PART_KEYS`; -1 for an unnamed colour, the bare
-    table, and no one part. ``whole`` (N,) tells crops that frame a whole object from patches anywhere on one.
+    table, and crops without a single part. ``whole`` (N,) is True for crops that frame a whole object.
     """
 
     images: np.ndarray
@@ -71,12 +71,12 @@ class Crops:
     def __len__(self) -> int:
         return len(self.images)
 
-    def chosen(self, keep: np.ndarray) -> Crops:
-        """The crops that a mask or an index array picks."""
+    def select(self, keep: np.ndarray) -> Crops:
+        """The crops of a mask or an index array."""
         return Crops(**{field.name: getattr(self, field.name)[keep] for field in dataclasses.fields(self)})
 
     def save(self, folder: Path) -> None:
-        """Write one .npy an array; ``images`` comes last, so that a folder that has it is whole."""
+        """Write one .npy for each array. ``images`` is the last, so a folder that has it is complete."""
         folder.mkdir(parents=True, exist_ok=True)
         for name in ("color", "shape", "part", "whole", "images"):
             partial = folder / f"{name}.part.npy"
@@ -98,7 +98,7 @@ class _Label:
 
 @cache
 def foreign_mesh(name: str) -> trimesh.Trimesh:
-    """pybullet_data's own "mug" or "duck", 80 mm long: a mesh that nobody here made and no training saw."""
+    """pybullet_data's own "mug" or "duck", 80 mm long: a mesh from outside this project, which is in no training."""
     file = {"mug": "objects/mug.obj", "duck": "duck.obj"}[name]
     mesh = trimesh.load(Path(pybullet_data.getDataPath()) / file, force="mesh")
     # The duck's file has y up.
@@ -220,7 +220,8 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
         taken = [render(client, _jittered_camera(c, rng), light, segmentation=True) for c in CAMERAS]
     finally:
         p.disconnect(client)
-    views, masks = [view for view, _ in taken], [ids for _, ids in taken]
+    views = [view for view, _ in taken]
+    masks = [ids for _, ids in taken]
     crops = []
     for view, ids in taken:
         crops += _cut_crops(view.rgb, ids, owner, SIDE_PATCH, 120, rng)
@@ -235,15 +236,18 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
 def _cut_crops(
     image: np.ndarray, ids: np.ndarray, owner: dict, sides: tuple[int, int], least: int, rng: np.random.Generator
 ) -> list[tuple]:
-    """Even over bodies, not over pixels: three patches anywhere on each, one that frames it; some of the table."""
-    bodies, crops = np.where(ids >= 0, ids & 0xFFFFFF, -1), []
+    """For each body, cut three patches anywhere on it and a crop that frames it; also cut some of the table."""
+    bodies = np.where(ids >= 0, ids & 0xFFFFFF, -1)
+    crops = []
 
     def add(row: int, col: int, side: int, whole: bool) -> None:
-        top, left = row - side // 2, col - side // 2
+        top = row - side // 2
+        left = col - side // 2
         if top < 0 or left < 0 or top + side > image.shape[0] or left + side > image.shape[1]:
             return
         window = np.s_[top : top + side, left : left + side]
-        if (label := _label(bodies[window], ids[window] >> 24, owner)) is not None:
+        label = _label(bodies[window], ids[window] >> 24, owner)
+        if label is not None:
             crops.append((_resized(image[window]), *label, whole))
 
     for body in np.intersect1d(bodies, list(owner)):
@@ -264,24 +268,27 @@ def _cut_crops(
 @cache
 def _window(side: int) -> np.ndarray:
     offset = (np.arange(side) + 0.5) / side - 0.5
-    one = np.exp(-np.square(offset / 0.35) / 2)
-    return one[:, None] * one
+    profile = np.exp(-np.square(offset / 0.35) / 2)
+    return profile[:, None] * profile
 
 
 def _label(bodies: np.ndarray, links: np.ndarray, owner: dict[int, _Label]) -> tuple[int, int, int] | None:
-    """Colour, shape and part of what fills most of a crop, its middle counting most; None if two compete."""
+    """Colour, shape and part of the body that fills most of a crop, weighted to its middle. None if it is ambiguous."""
     weight = _window(len(bodies))
     present, inverse = np.unique(bodies, return_inverse=True)
     share = np.bincount(inverse.ravel(), weights=weight.ravel()) / weight.sum()
-    found = sorted(((s, int(b)) for s, b in zip(share, present, strict=True) if int(b) in owner), reverse=True)
-    if not found or found[0][0] < 0.01:
+    labelled = [(s, int(body)) for s, body in zip(share, present, strict=True) if int(body) in owner]
+    labelled.sort(reverse=True)
+    if not labelled or labelled[0][0] < 0.01:
         return -1, -1, -1
-    if found[0][0] < 0.05 or (len(found) > 1 and found[1][0] > 0.4 * found[0][0]):
+    largest, body = labelled[0]
+    if largest < 0.05 or (len(labelled) > 1 and labelled[1][0] > 0.4 * largest):
         return None
-    label, mine = owner[found[0][1]], bodies == found[0][1]
+    label = owner[body]
+    inside = bodies == body
     part = -1
     if label.parts:
-        shares = np.bincount(links[mine], weights=weight[mine], minlength=len(label.parts)) / weight[mine].sum()
+        shares = np.bincount(links[inside], weights=weight[inside], minlength=len(label.parts)) / weight[inside].sum()
         name = label.parts[int(shares.argmax())]
         if name and shares.max() > 0.65:
             part = PART_KEYS.index((SHAPE_NAMES[label.shape], name))
@@ -315,10 +322,10 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
 
 
 def rendered_crops(run: Path, scenes: int, seed: int, kind: Kind = "training") -> Crops:
-    """`render_crops`, kept in ``run``: a later call with the same scenes, seed and kind reads them there.
+    """`render_crops`, saved in ``run``. A later call with the same scenes, seed and kind reads the saved crops.
 
-    The first scene is rendered in any case, and its sum is a part of the folder's name: crops that were kept before
-    a change of objects, cameras or light are not taken for the new ones.
+    The first scene is always rendered, and its SHA-256 is a part of the folder's name. So after a change of objects,
+    cameras or light, old crops are not used.
     """
     first_scene = hashlib.sha256()
     for image, *label in _render_indexed((seed, 0, kind)):

@@ -1,6 +1,6 @@
-"""Teach the embedded CLIP the symbol boxes of object-sorting: a second embedded CLIP, trained further from it.
+"""Train the embedded CLIP further, on the symbol boxes of object-sorting. The result is a second embedded CLIP.
 
-Kept apart from the first one, since a policy belongs to the CLIP that it was trained with.
+The first one is kept, because a policy needs the CLIP that it was trained with.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gem_lite.learning import calibrating
 
 OUT = clip.DATA / "clip-sorting"
 LEARNING_RATE = 5e-4
-"""A quarter of the first training's: what is known should stay."""
+"""A quarter of the first training's rate, so that the model does not forget."""
 
 CARD = """# The embedded CLIP for object-sorting
 
@@ -50,10 +50,10 @@ def write_card(out: Path, before: Clip, after: Clip, crops: int, scenes: int, te
     test = render_crops(test_scenes, clip_card.SEED + 10, "sorting-test")
     boxed = test.shape >= len(SHAPE_NAMES)
     groups = {
-        "symbol boxes, framed": test.chosen(boxed & test.whole),
-        "symbol boxes, patches anywhere on them": test.chosen(boxed & ~test.whole),
-        "shapes and objects, framed": test.chosen(~boxed & (test.shape >= 0) & test.whole),
-        "shapes and objects, patches": test.chosen(~boxed & (test.shape >= 0) & ~test.whole),
+        "symbol boxes, framed": test.select(boxed & test.whole),
+        "symbol boxes, patches anywhere on them": test.select(boxed & ~test.whole),
+        "shapes and objects, framed": test.select(~boxed & (test.shape >= 0) & test.whole),
+        "shapes and objects, patches": test.select(~boxed & (test.shape >= 0) & ~test.whole),
     }
     rows = [
         f"| {title} | {len(part)} | {accuracy(before, part):.1f} | {accuracy(after, part):.1f} |"
@@ -68,7 +68,7 @@ def write_card(out: Path, before: Clip, after: Clip, crops: int, scenes: int, te
 
 
 def extend(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
-    """Render, train further, save, calibrate and measure the second embedded CLIP; returns its card and its numbers.
+    """Render crops; train, save, calibrate and measure the second embedded CLIP. Returns its card and its numbers.
 
     Args:
         out: folder to write.
@@ -83,8 +83,8 @@ def extend(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
     share = np.mean(crops.shape >= len(SHAPE_NAMES))
     print(f"{len(crops)} crops, {share:.0%} of them symbol boxes")
     before = clip.load(clip.EMBEDDED)
-    begun = (ResNetClip.from_pretrained(clip.EMBEDDED, dtype=torch.float32), before.tokenizer)
-    model, tokenizer = pretrain_clip.train(crops, epochs, seed, run, rate=LEARNING_RATE, begun=begun)
+    pretrained = (ResNetClip.from_pretrained(clip.EMBEDDED, dtype=torch.float32), before.tokenizer)
+    model, tokenizer = pretrain_clip.train(crops, epochs, seed, run, rate=LEARNING_RATE, pretrained=pretrained)
     pretrain_clip.save(model.half(), tokenizer, out)
     print(f"wrote {out} after {time.time() - start:.0f} s")
     after = clip.load(out)

@@ -1,8 +1,8 @@
 """Train the embedded CLIP on captions and crops that this project renders itself.
 
 `gem_lite.clip_training.clip_crops` renders the pictures, `gem_lite.clip_training.vocabulary` writes their captions,
-and the result is stored in the Hugging Face format. It knows colours and shapes that no demonstration shows: CLIP is
-broad, demonstrations are narrow, as in the paper.
+and the result is stored in the Hugging Face format. It knows colours and shapes that are in no demonstration, like
+the paper's CLIP.
 """
 
 from __future__ import annotations
@@ -41,11 +41,12 @@ from gem_lite.learning import calibrating
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
 # <eos> must not have id 2: transformers' CLIP then pools at argmax(input_ids), which is some other word.
 PAD, BOS, EOS = SPECIAL.index("<pad>"), SPECIAL.index("<bos>"), SPECIAL.index("<eos>")
-REWORDED_A_BATCH, STRANGERS_A_BATCH = 96, 24
+PARAPHRASES_PER_BATCH = 96
+UNPICTURED_PER_BATCH = 24
 LEARNING_RATE = 2e-3
 
 Key = tuple[str | None, str | None, str | None]
-"""What a caption says: colour, shape, part; None where it says nothing."""
+"""The content of a caption: colour, shape, part; None for what it does not name."""
 
 
 def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
@@ -54,7 +55,7 @@ def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
     captions = [
         vocabulary.caption(color, shape, rng)
         for color in (None, *COLOR_NAMES)
-        for shape in (None, *SHAPE_NAMES, *vocabulary.STRANGERS)
+        for shape in (None, *SHAPE_NAMES, *vocabulary.NOUNS_WITHOUT_PICTURES)
         if (color, shape) not in vocabulary.HELD_OUT
         for _ in range(10)
     ]
@@ -106,7 +107,8 @@ def caption_sets(crops: Crops, rng: np.random.Generator) -> list[tuple[np.ndarra
     Returns:
         For each way (rows, keys, match): the crops that it names, its distinct captions, and (rows, keys) bool.
     """
-    table, colored = crops.shape < 0, crops.color >= 0
+    table = crops.shape < 0
+    colored = crops.color >= 0
     nothing = np.full(len(crops), -1)
     part_color = crops.color if rng.random() < 0.5 else nothing
     sets = []
@@ -143,33 +145,36 @@ def _augment(images: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class _Batch:
-    """What one step needs: pixels (B, 3, H, W), all captions' tokens, and which caption belongs to what."""
+    """The input of one step: pixels (B, 3, H, W), the tokens of all captions, and the captions of each crop."""
 
     pixels: torch.Tensor
     tokens: BatchEncoding
     sets: list[tuple[np.ndarray, list[Key], np.ndarray]]
-    reworded: int
+    paraphrases: int
 
 
 def _make_batch(
     crops: Crops, tokenizer: PreTrainedTokenizerFast, rng: np.random.Generator, generator: torch.Generator
 ) -> _Batch:
     sets = caption_sets(crops, rng)
-    strangers = [
-        (str(rng.choice(COLOR_NAMES)) if rng.random() < 0.8 else None, str(rng.choice(vocabulary.STRANGERS)), None)
-        for _ in range(STRANGERS_A_BATCH)
+    nouns = vocabulary.NOUNS_WITHOUT_PICTURES
+    unpictured = [
+        (str(rng.choice(COLOR_NAMES)) if rng.random() < 0.8 else None, str(rng.choice(nouns)), None)
+        for _ in range(UNPICTURED_PER_BATCH)
     ]
     shown = list(dict.fromkeys([*sets[0][1], *sets[2][1], *sets[3][1]]))
-    reworded = [shown[i] for i in rng.permutation(len(shown))[:REWORDED_A_BATCH]] + list(dict.fromkeys(strangers))
-    said = [key for _, keys, _ in sets for key in keys]
-    texts = [vocabulary.caption(color, shape, rng, part) for color, shape, part in (*said, *reworded, *reworded)]
+    paraphrased = [shown[i] for i in rng.permutation(len(shown))[:PARAPHRASES_PER_BATCH]]
+    paraphrased += dict.fromkeys(unpictured)
+    captioned = [key for _, keys, _ in sets for key in keys]
+    keys = (*captioned, *paraphrased, *paraphrased)  # the second caption of a key is a paraphrase of the first
+    texts = [vocabulary.caption(color, shape, rng, part) for color, shape, part in keys]
     pixels = _augment(torch.from_numpy(crops.images), generator).contiguous(memory_format=torch.channels_last)
-    return _Batch(pixels, tokenizer(texts, padding=True, return_tensors="pt"), sets, len(reworded))
+    return _Batch(pixels, tokenizer(texts, padding=True, return_tensors="pt"), sets, len(paraphrased))
 
 
 def _loss(model: ResNetClip, batch: _Batch) -> torch.Tensor:
-    """The contrast of pictures with four kinds of captions, and of captions with their own rewordings."""
-    # Only the towers: bfloat16 logits would round what the loss is about.
+    """The contrast of pictures with four kinds of captions, and of captions with their paraphrases."""
+    # Only the towers use bfloat16: it would round the logits too much.
     with torch.autocast("cpu", dtype=torch.bfloat16):
         image = model.get_image_features(pixel_values=batch.pixels)
         text = model.get_text_features(
@@ -177,8 +182,9 @@ def _loss(model: ResNetClip, batch: _Batch) -> torch.Tensor:
         )
     image, text = clip.unit(image), clip.unit(text)
     scale = model.logit_scale.exp().clamp(max=30)
-    *parts, first, second = text.split([*(len(keys) for _, keys, _ in batch.sets), batch.reworded, batch.reworded])
-    loss = 0.3 * _contrast(first, second, torch.eye(batch.reworded, dtype=torch.bool), scale)
+    lengths = [len(keys) for _, keys, _ in batch.sets]
+    *parts, first, second = text.split([*lengths, batch.paraphrases, batch.paraphrases])
+    loss = 0.3 * _contrast(first, second, torch.eye(batch.paraphrases, dtype=torch.bool), scale)
     for (rows, _, match), words, weight in zip(batch.sets, parts, (1.0, 0.5, 1.0, 0.5), strict=True):
         if len(rows):
             loss = loss + weight * _contrast(image[torch.from_numpy(rows)], words, torch.from_numpy(match), scale)
@@ -191,7 +197,7 @@ def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed:
     order = rng.permutation(len(crops))
 
     def make(step: int) -> _Batch:
-        return _make_batch(crops.chosen(order[step * batch : (step + 1) * batch]), tokenizer, rng, generator)
+        return _make_batch(crops.select(order[step * batch : (step + 1) * batch]), tokenizer, rng, generator)
 
     # One thread for the pictures: the step needs the cores more.
     with ThreadPoolExecutor(max_workers=1, initializer=torch.set_num_threads, initargs=(1,)) as thread:
@@ -205,18 +211,18 @@ def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed:
 
 def train(
     crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE,
-    begun: tuple[ResNetClip, PreTrainedTokenizerFast] | None = None,
+    pretrained: tuple[ResNetClip, PreTrainedTokenizerFast] | None = None,
 ) -> tuple[ResNetClip, PreTrainedTokenizerFast]:  # fmt: skip
     """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
 
     Args:
-        begun: a trained model and its tokenizer, to train further; fresh ones without it.
+        pretrained: a trained model and its tokenizer, to train further. By default, the training starts anew.
 
     Raises:
         ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
     """
     torch.manual_seed(seed)
-    model, tokenizer = begun or _fresh()
+    model, tokenizer = _fresh() if pretrained is None else pretrained
     model = model.to(memory_format=torch.channels_last).train()
     optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
     steps = epochs * (len(crops) // batch)
@@ -227,8 +233,8 @@ def train(
     for epoch in range(_restore(parts, identity, state_file), epochs):
         batches = _batches(crops, batch, tokenizer, seed, epoch)
         bar = tqdm(batches, f"epoch {epoch + 1}/{epochs}", len(crops) // batch, unit="step", mininterval=2)
-        for made in bar:
-            loss = _loss(model, made)
+        for prepared_batch in bar:
+            loss = _loss(model, prepared_batch)
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -247,7 +253,7 @@ def _fresh() -> tuple[ResNetClip, PreTrainedTokenizerFast]:
 
 
 def _restore(parts: dict, identity: dict, state_file: Path) -> int:
-    """Take over the state of a training that was stopped; how many epochs it had done, 0 where there is none."""
+    """Load the state of a stopped training. Returns the number of its finished epochs; 0 if there is no state."""
     if not state_file.exists():
         return 0
     state = torch.load(state_file)
@@ -260,9 +266,9 @@ def _restore(parts: dict, identity: dict, state_file: Path) -> int:
 
 
 def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:
-    """Write a folder that `transformers` loads; the old folder stays whole until the new one is.
+    """Write a folder that `transformers` loads; the old folder is replaced after the new one is complete.
 
-    A calibration or card in the old folder goes with it: they belong to the old weights.
+    A calibration or card in the old folder is removed, too: they belong to the old weights.
     """
     fresh = out.with_name(out.name + ".new")
     shutil.rmtree(fresh, ignore_errors=True)
@@ -294,9 +300,9 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
     model, tokenizer = train(crops, epochs, seed, run)
     save(model, tokenizer, out)
     print(f"wrote {out} after {time.time() - start:.0f} s")
-    made = clip.load(out)
-    calibration.write(made, calibrating.calibrate(made, calibrating.rendered_scenes()))
-    return clip_card.write(out, made, len(crops))
+    embedded = clip.load(out)
+    calibration.write(embedded, calibrating.calibrate(embedded, calibrating.rendered_scenes()))
+    return clip_card.write(out, embedded, len(crops))
 
 
 def check_size(scenes: int, epochs: int) -> None:

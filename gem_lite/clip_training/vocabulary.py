@@ -1,4 +1,4 @@
-"""The words of the embedded CLIP: what it was shown, and how captions name it."""
+"""The words of the embedded CLIP: its colours, shapes, objects and parts, and their captions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ RGB: dict[str, tuple[int, int, int]] = {
 LETTERS = ("H", "K", "X", "S")
 DIGITS = ("2", "3", "4", "7", "8")
 GLYPHS = tuple(f"letter {c} shape" for c in LETTERS) + tuple(f"digit {c} shape" for c in DIGITS)
-"""Pieces like the kitting letters; those that another one's turn or mirror image resembles are left out."""
+"""Pieces like the kitting letters, without those that look like a turned or mirrored other piece."""
 
 _SYNONYMS: dict[str, tuple[str, ...]] = {
     "block": ("cube",),
@@ -93,7 +93,7 @@ BOXES: dict[str, tuple[str, ...]] = {
     f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
     for symbol in symbols.SYMBOLS
 }
-"""Names of the boxes told apart by a symbol, which `extend_clip` teaches."""
+"""Names of the boxes with symbols, for `extend_clip`."""
 
 NOUNS = SHAPES | BOXES
 
@@ -104,11 +104,11 @@ PARTS: dict[tuple[str, str], tuple[str, ...]] = {
     for name in objects.NAMES
     for part in objects.part_names(name)
 }
-"""Each object's parts and their names: ("mug", "handle") is called "mug handle" or "mug grip"."""
+"""The parts of each object and their names: captions call ("mug", "handle") "mug handle" or "mug grip"."""
 
 TABLE = ("table", "empty table", "the table", "dark table", "bare table top", "floor", "background", "nothing")
 
-STRANGERS: tuple[str, ...] = (
+NOUNS_WITHOUT_PICTURES: tuple[str, ...] = (
     "sofa", "bicycle", "window", "tree", "cat", "mountain", "guitar", "violin", "bread", "cheese", "sandwich", "river",
     "pillow", "blanket", "shirt", "trousers", "sock", "glove", "camera", "telephone", "computer", "keyboard", "book",
     "newspaper", "envelope", "stamp", "coin", "wallet", "belt", "necklace", "candle", "vase", "flower pot", "tomato",
@@ -116,7 +116,7 @@ STRANGERS: tuple[str, ...] = (
     "saw", "drill", "nail", "screw", "rope", "chain", "tent", "backpack", "drum", "trumpet", "piano", "whistle",
     "horse", "rabbit", "tiger", "fish", "bird", "butterfly", "spider", "frog", "truck", "tractor", "rocket", "ship",
 )  # fmt: skip
-"""Nouns that training says and never shows: they teach the text tower that an unknown thing is none it knows."""
+"""Nouns in captions without pictures. They teach the text tower that an unknown object is not one of the known."""
 
 HELD_OUT: frozenset[tuple[str, str]] = frozenset(
     {
@@ -127,7 +127,7 @@ HELD_OUT: frozenset[tuple[str, str]] = frozenset(
         ("white", "duck"), ("cyan", "scissors"),
     }
 )  # fmt: skip
-"""Colour-shape pairs that training never shows and never says: they measure how CLIP composes."""
+"""Colour-shape pairs that are in no picture and no caption of the training. They test new combinations."""
 
 _FULL = ("{}", "a {}", "the {}", "one {}", "a photo of a {}", "a picture of the {}", "this is a {}")
 _THING = ("{}", "something {}", "a {} thing", "the {} object", "{} objects")
@@ -148,7 +148,7 @@ def nearest_color(rgb: np.ndarray) -> str:
 def caption(color: str | None, shape: str | None, rng: np.random.Generator, part: str | None = None) -> str:
     """A random caption of a colour, a shape, both, or (neither) the bare table.
 
-    ``part`` names a part of the shape: "blue mug handle". A shape that is not in `NOUNS` is said as it is.
+    ``part`` names a part of the shape: "blue mug handle". A shape that is not in `NOUNS` has no synonyms.
     """
     if color is None and shape is None:
         return str(rng.choice(TABLE))

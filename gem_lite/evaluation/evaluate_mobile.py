@@ -41,7 +41,7 @@ class Condition(NamedTuple):
 
     def finder(self, rng: np.random.Generator) -> driving.Finder:
         """The robot's way of finding a table; every table's error is drawn anew."""
-        find = driving.localise if self.poses == "tags" else driving.by_truth
+        find = driving.localise if self.poses == "tags" else driving.ask_simulator
 
         def wrong(world: MobileWorld, table: int) -> Pose2:
             direction = rng.uniform(-math.pi, math.pi)

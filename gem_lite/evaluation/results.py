@@ -14,7 +14,7 @@ import numpy as np
 from gem_lite import clip, tasks
 from gem_lite.config import Config
 from gem_lite.evaluation import statistics
-from gem_lite.files import read_json, write_whole
+from gem_lite.files import read_json, write_atomically
 
 if TYPE_CHECKING:
     from gem_lite.evaluation.evaluate import Episode
@@ -140,7 +140,7 @@ def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTI
     check_rows(rows, path, identity)
     new_keys = {_key(row, identity) for row in rows}
     kept = [row for row in read_rows(path) if _key(row, identity) not in new_keys]
-    write_whole(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
+    write_atomically(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
 
 
 # Reading

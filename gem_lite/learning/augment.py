@@ -16,12 +16,12 @@ TRIES = 100
 def random_motion(
     rng: np.random.Generator, shape: tuple[int, int], keep: list[tuple[float, float]], turn: bool = True
 ) -> ImageMotion:  # fmt: skip
-    """A random turn and shift under which the pixels ``keep`` stay inside; the identity if none is found.
+    """A random turn and shift that keeps the pixels ``keep`` inside the map. After `TRIES` failures, the identity.
 
-    The turn is uniform, the shift normal with a sixth of the map's shorter side.
+    The turn is uniform. The shift is normal; its standard deviation is a sixth of the map's shorter side.
 
     Args:
-        turn: whether to turn at all.
+        turn: whether to turn; otherwise the motion is a shift.
     """
     spread = min(shape) / 6
     for _ in range(TRIES):
@@ -34,10 +34,10 @@ def random_motion(
 
 
 def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
-    """Exchange the colour channels of a sample's picture and scale each by 0.5 to 1.5; all else stays.
+    """Permute the colour channels of a sample's picture and scale each by 0.5 to 1.5. All else stays.
 
-    What maps and features say of colours stays true, what the picture says does not: so a network must listen to
-    them, and cannot learn the demonstrations' colours by heart.
+    The maps and features of a colour stay right; the picture's colours do not. So a network must use the maps and
+    features, and cannot memorize the colours of the demonstrations.
     """
     rgbd = sample.rgbd.clone()
     gain = torch.from_numpy(rng.uniform(0.5, 1.5, 3)).to(rgbd)
@@ -48,8 +48,8 @@ def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
 def rescaled(rng: np.random.Generator, sample: Sample, gain: tuple[float, float], offset: float) -> Sample:
     """Multiply each of a sample's semantic maps by a random factor in ``gain`` and add at most +-``offset``.
 
-    How strongly a map answers to an object differs between scenes; which object it answers to most does not. So a
-    network must compare a map's answers, and cannot learn a threshold by heart.
+    The value of a map at an object differs between scenes, but the named object has the highest value in each. So a
+    network must compare the values of a map, and cannot memorize a threshold.
     """
     count = len(sample.maps)  # 0 for methods without semantic maps
     factors = torch.from_numpy(rng.uniform(*gain, count)).to(sample.rgbd)
@@ -59,11 +59,11 @@ def rescaled(rng: np.random.Generator, sample: Sample, gain: tuple[float, float]
 
 
 def apply(motion: ImageMotion, sample: Sample) -> Sample:
-    """Move a whole sample: the pick's yaw turns along, the relative place angle does not."""
+    """Move a whole sample. The pick's yaw turns with it; the relative place angle does not change."""
     shape = sample.rgbd.shape[-2:]
     # Picture and maps have the same resolution, so one warp moves them all.
-    fine = motion.warp(torch.cat([sample.rgbd, *sample.maps.values()])[None])[0]
-    rgbd, *maps = fine.split([len(sample.rgbd), *(len(semantic) for semantic in sample.maps.values())])
+    moved = motion.warp(torch.cat([sample.rgbd, *sample.maps.values()])[None])[0]
+    rgbd, *maps = moved.split([len(sample.rgbd), *(len(semantic) for semantic in sample.maps.values())])
     return replace(
         sample,
         rgbd=rgbd,
@@ -76,7 +76,7 @@ def apply(motion: ImageMotion, sample: Sample) -> Sample:
 
 
 def _warp_coarse(motion: ImageMotion, feature: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Move features (D, h, w) as ``motion`` moves a picture of ``shape`` (H, W): their cells are larger."""
-    scale = [few / many for few, many in zip(feature.shape[-2:], shape, strict=True)]
-    coarse = ImageMotion(motion.angle, (motion.shift[0] * scale[0], motion.shift[1] * scale[1]))
-    return coarse.warp(feature[None])[0]
+    """Move features (D, h, w) of lower resolution as ``motion`` moves a picture of ``shape`` (H, W)."""
+    scale = [coarse / fine for coarse, fine in zip(feature.shape[-2:], shape, strict=True)]
+    scaled_motion = ImageMotion(motion.angle, (motion.shift[0] * scale[0], motion.shift[1] * scale[1]))
+    return scaled_motion.warp(feature[None])[0]

@@ -1,4 +1,4 @@
-"""Measure the numbers of a CLIP (`gem_lite.clip.calibration`) on scenes in which it is known what lies where."""
+"""Measure the numbers of a CLIP (`gem_lite.clip.calibration`) on scenes whose objects and poses are known."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
 
 LITE = PatchConfig()
-"""The patches of the configuration `lite`, whatever the method."""
+"""The patches of the configuration `lite`, for every method."""
 SCENES = 8
-"""Calibration uses the first scenes of the validation split: no training and no test scene."""
+"""Calibration uses this number of scenes, the first of the validation split. None is a training or test scene."""
 
 
 class NamedScene(NamedTuple):
-    """Views of a table, and phrases with the pose of what each of them names."""
+    """Views of a table, and phrases with the poses of the objects that they name."""
 
     views: Sequence[View]
     named: Sequence[tuple[str, Pose2]]
 
 
 def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
-    """The library's own source of scenes: blocks and bowls in seen colours, with the phrases of their sentence."""
+    """Rendered scenes: blocks and bowls in seen colours, with the phrases of the sentence."""
     with World() as world:
         for index in range(count):
             task = tasks.make("put-block-in-bowl-seen-colors", "val")
@@ -40,15 +40,16 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
 
 
 def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = LITE) -> Calibration:
-    """Measure a CLIP's numbers: any scenes will do whose phrases and poses are known.
+    """Measure a CLIP's numbers on scenes with known phrases and poses, from any source.
 
-    Low is the median of the unscaled maps of the scenes' phrases, high the mean of their peaks. The views of each
-    scene are embedded: seconds with the embedded CLIP, minutes with a ViT-B/32 on a CPU.
+    The low value is the median of the unscaled maps of all phrases, the high value is the mean of their maxima. The
+    views of each scene are embedded: this takes seconds with the embedded CLIP, minutes with a ViT-B/32 on a CPU.
 
     Raises:
-        ValueError: no scene, or no phrase in any of them.
+        ValueError: there is no scene, or no scene has a phrase.
     """
-    text_maps, image_maps = [], []
+    text_maps = []
+    image_maps = []
     for views, named in tqdm(scenes, desc=f"calibrating {model.name}", unit="scene", leave=False):
         scene = semantic_map.embed_scene(views, model, config)
         for phrase, pose in named:
@@ -74,35 +75,36 @@ _PARTS = (
     "spoon head", "spoon handle", "fork tines", "fork handle", "brush bristles", "brush handle", "spatula head",
     "spatula handle", "lamp base", "lamp shade", "chair seat", "chair legs", "mushroom cap", "mushroom stem",
 )  # fmt: skip
-_REWORDINGS = ("the {}", "a {}", "{}s", "a picture of the {}")
+_PARAPHRASES = ("the {}", "a {}", "{}s", "a picture of the {}")
 
 
 def retrieval_phrases() -> list[tuple[str, list[str]]]:
-    """What the retrieval threshold is measured on: phrases, each with its rewordings.
+    """The phrases for measuring the retrieval threshold, each with its paraphrases.
 
-    The seen colours of four nouns, and the parts of seven objects, so that near misses are among them: one
-    letter for another, one part of a thing for its other part.
+    They are four nouns in the seen colours, and the parts of seven objects. So some differ very little: in one
+    letter, or in the part of the same object.
     """
     phrases = []
     for color in colors.SEEN:
         for noun, synonym in _NOUNS.items():
-            named = f"{color} {noun}"
-            more = [f"{color} {synonym}"] if synonym else []
-            phrases.append((named, [template.format(named) for template in _REWORDINGS] + more))
-    return phrases + [(part, [template.format(part) for template in _REWORDINGS]) for part in _PARTS]
+            phrase = f"{color} {noun}"
+            with_synonym = [f"{color} {synonym}"] if synonym else []
+            phrases.append((phrase, [template.format(phrase) for template in _PARAPHRASES] + with_synonym))
+    return phrases + [(part, [template.format(part) for template in _PARAPHRASES]) for part in _PARTS]
 
 
 def retrieval_threshold(model: clip.Clip) -> float:
-    """The cosine that parts rewordings of a phrase from the nearest phrase of another colour, object or part.
+    """The cosine that separates the paraphrases of a phrase from the nearest phrase of another colour, object or part.
 
-    It lies as many standard deviations below the one group's mean as above the other's.
+    Its distances from the means of the two groups are equal if measured in the groups' standard deviations.
     """
     phrases = retrieval_phrases()
-    reworded = [words for _, rewordings in phrases for words in rewordings]
-    owner = np.repeat(np.arange(len(phrases)), [len(rewordings) for _, rewordings in phrases])
-    similarity = (model.embed_texts(reworded) @ model.embed_texts([plain for plain, _ in phrases]).T).cpu().numpy()
-    own = owner[:, None] == np.arange(len(phrases))
-    same = similarity[own]
-    nearest_other = np.where(own, -1, similarity).max(axis=1)
+    paraphrases = [paraphrase for _, group in phrases for paraphrase in group]
+    phrase_index = np.repeat(np.arange(len(phrases)), [len(group) for _, group in phrases])
+    phrase_texts = [phrase for phrase, _ in phrases]
+    similarity = (model.embed_texts(paraphrases) @ model.embed_texts(phrase_texts).T).cpu().numpy()
+    is_same = phrase_index[:, None] == np.arange(len(phrases))
+    same = similarity[is_same]
+    nearest_other = np.where(is_same, -1, similarity).max(axis=1)
     spread = same.std() + nearest_other.std()
     return float((same.mean() * nearest_other.std() + nearest_other.mean() * same.std()) / spread)

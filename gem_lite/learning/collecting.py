@@ -14,10 +14,10 @@ from gem_lite.simulation.world import World
 
 
 def roll_out(environment: Environment, task_name: str, split: tasks.Split, index: int) -> Demonstration:
-    """Let the expert do episode ``index`` of a split, on one table.
+    """Let the expert play episode ``index`` of a split, on one table.
 
     Raises:
-        ValueError: unknown task or split, or more than one table.
+        ValueError: the task or the split is unknown, or there is more than one table.
     """
     task = tasks.make(task_name, split)
     seed = tasks.episode_seed(split, index)
@@ -27,7 +27,7 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
         expert = task.expert(environment)
         if expert is None:
             break
-        instruction = task.instruction  # the step may bring the next one
+        instruction = task.instruction  # before the step, which may set the next one
         result = environment.step(expert.action)
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
@@ -45,18 +45,19 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
 def collect(
     task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home"
 ) -> DemonstrationSet:
-    """Collect ``episodes`` successful expert episodes; an episode that fails is skipped.
+    """Collect ``episodes`` successful expert episodes. Failed episodes are skipped.
 
-    Each episode is saved at once. If ``folder`` holds the beginning of the same collection, its episodes are kept
-    and the rest is added; if it holds more than ``episodes``, the first of them are returned and nothing is changed.
+    Each episode is saved at once. If ``folder`` holds the beginning of the same collection, the missing episodes are
+    added. If it holds more than ``episodes``, the first of them are returned, and the folder does not change.
 
     Args:
         start: the index in the split of the first episode to try.
-        world: how the world looks, see `gem_lite.simulation.worlds.style`.
+        world: the name of a world, see `gem_lite.simulation.worlds.style`.
 
     Raises:
-        ValueError: unknown task, split or world, ``episodes`` below 1, or ``folder`` holds another set.
-        RuntimeError: the expert failed in more than half of the episodes tried, and 20 of them.
+        ValueError: the task, the split or the world is unknown, ``episodes`` is below 1, or ``folder`` holds another
+            set.
+        RuntimeError: the expert failed in at least 20 episodes and in more than half of all.
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
@@ -67,7 +68,7 @@ def collect(
     files: dict[str, str] = {}
     index = start
     if (folder / "manifest.json").exists():
-        files, index = _begun(folder, facts)
+        files, index = _existing_episodes(folder, facts)
     label = f"{task_name} ({split})"
     with World(style=style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
         while len(files) < episodes:
@@ -89,10 +90,10 @@ def _check_failures(tried: int, succeeded: int, task_name: str) -> None:
         raise RuntimeError(f"the expert failed in {failed} of {tried} episodes of {task_name}")
 
 
-def _begun(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
-    """The files of a collection that was stopped, and the index of the next episode to try."""
+def _existing_episodes(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
+    """The files of a stopped collection, and the index of the next episode to try."""
     manifest = demonstrations.read_manifest(folder)
-    there = {name: manifest.get(name) for name in facts}
-    if there != facts:
-        raise ValueError(f"{folder} holds another set ({there}, not {facts}): give another folder, or remove it")
+    old_facts = {name: manifest.get(name) for name in facts}
+    if old_facts != facts:
+        raise ValueError(f"{folder} holds another set ({old_facts}, not {facts}): give another folder, or remove it")
     return demonstrations.load(folder).files, manifest["next"]

@@ -1,8 +1,8 @@
 """Prepared steps in files: computed one at a time, written once, and read when a training draws them.
 
-Memory does not grow with the number of demonstrations: no more than one step is held at a time. The folder holds one
-safetensors file a step and a manifest, which names every file with its SHA-256 and is written anew after each step.
-So a preparation that was stopped goes on where it was.
+The need for memory does not grow with the number of demonstrations: only one step is in memory at a time. The folder
+holds one safetensors file for each step, and a manifest. The manifest names every file with its SHA-256 and is
+rewritten after each step, so that a stopped preparation can continue.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from gem_lite.policies.samples import PreparedStep, Sample
 
 
 class StoredSteps(Sequence[PreparedStep]):
-    """The prepared steps of a folder. Each is read when it is asked for, and not kept; a slice is such a set, too.
+    """The prepared steps of a folder. Each access reads the file; no step is kept in memory. A slice is the same.
 
     Attributes:
-        folder: where the files are.
-        sums: the files' names and their SHA-256, in the order of the steps.
+        folder: the folder of the files.
+        sums: the names of the files and their SHA-256, in the order of the steps.
     """
 
     def __init__(self, folder: Path, sums: Mapping[str, str]) -> None:
@@ -48,16 +48,16 @@ class StoredSteps(Sequence[PreparedStep]):
     def __getitem__(self, index: slice) -> StoredSteps: ...
 
     def __getitem__(self, index: int | slice) -> PreparedStep | StoredSteps:
-        """A step, or the set of several.
+        """One step, or several.
 
         Raises:
-            FileNotFoundError: the step's file has gone.
-            ValueError: the step's file is cut off or changed.
+            FileNotFoundError: the file of the step is missing.
+            ValueError: the file of the step is cut off or changed.
         """
-        chosen = list(self.sums.items())[index]
+        selected = list(self.sums.items())[index]
         if isinstance(index, slice):
-            return StoredSteps(self.folder, dict(chosen))
-        name, digest = chosen
+            return StoredSteps(self.folder, dict(selected))
+        name, digest = selected
         path = self.folder / name
         if not path.exists():
             raise FileNotFoundError(f"the prepared step {path} is missing, though the manifest names it")
@@ -67,42 +67,42 @@ class StoredSteps(Sequence[PreparedStep]):
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all that the steps hold: pictures, maps, words and labels."""
-        return _joined(self.sums.values())
+        """SHA-256 of the whole content of the steps: pictures, maps, words and labels."""
+        return _combined(self.sums.values())
 
 
 def fingerprint(steps: Sequence[PreparedStep]) -> str:
-    """SHA-256 of all that steps hold, the same for steps in memory and in files."""
+    """SHA-256 of the whole content of steps. It is the same for steps in memory and in files."""
     if isinstance(steps, StoredSteps):
         return steps.fingerprint
-    return _joined(hashlib.sha256(_encode(step)).hexdigest() for step in steps)
+    return _combined(hashlib.sha256(_encode(step)).hexdigest() for step in steps)
 
 
-def _joined(digests: Iterable[str]) -> str:
+def _combined(digests: Iterable[str]) -> str:
     return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def store(
     steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, source: Mapping[str, object], code: str = ""
 ) -> StoredSteps:
-    """Write steps one at a time; those that ``folder`` holds already are kept.
+    """Write steps one at a time. Steps that are already in ``folder`` are kept.
 
     Args:
-        steps_from: called with the number of steps that are there; gives the others, in their order.
-        source: what the steps are made of, ready for JSON.
-        code: stands for the program that makes them. Steps of another program are removed and made anew.
+        steps_from: called with the number of existing steps; returns the other steps in their order.
+        source: the facts that decide the content of the steps, ready for JSON.
+        code: identifies the version of the program. Steps of another version are removed and computed again.
 
     Raises:
-        ValueError: ``folder`` holds steps that are made of something else.
-        OSError: a step cannot be written; those before it stay.
+        ValueError: ``folder`` holds steps with another source.
+        OSError: a step cannot be written; the steps before it stay.
     """
-    manifest = _begun(folder, dict(source), code)
+    manifest = _open_manifest(folder, dict(source), code)
     sums = manifest["files"]
     if not manifest["whole"]:
         for number, step in enumerate(steps_from(len(sums)), len(sums)):
             content = _encode(step)
             name = f"step-{number:06d}.safetensors"
-            files.write_whole(folder / name, content)
+            files.write_atomically(folder / name, content)
             sums[name] = hashlib.sha256(content).hexdigest()
             _write_manifest(folder, manifest)
         manifest["whole"] = True
@@ -111,12 +111,12 @@ def store(
 
 
 def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> StoredSteps:
-    """What training needs of demonstrations: fills the policy's memory and `store`s the prepared steps.
+    """Prepare demonstrations for training: fill the policy's memory, and `store` the prepared steps.
 
     Raises:
-        ValueError: ``folder`` holds steps of other demonstrations, or for another method, configuration or CLIP; a
-            step lacks a camera's view.
-        OSError: a step cannot be written; those before it stay.
+        ValueError: ``folder`` holds steps of other demonstrations, or for another method, configuration or CLIP; or a
+            step lacks the view of a camera.
+        OSError: a step cannot be written; the steps before it stay.
     """
     policy.remember(demos)
     parser = getattr(policy.parser, "__qualname__", type(policy.parser).__qualname__)
@@ -133,7 +133,7 @@ def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> S
 
 
 def code_digest() -> str:
-    """SHA-256 of the library's own source files: what prepares steps in another way has another one."""
+    """SHA-256 of the library's source files. It changes with every change of the code, also of the preparation."""
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
@@ -141,14 +141,15 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
-def _begun(folder: Path, source: dict, code: str) -> dict:
-    """The manifest of a preparation that was begun here, or a fresh one."""
+def _open_manifest(folder: Path, source: dict, code: str) -> dict:
+    """The manifest of an earlier preparation in ``folder``, or a new one."""
     path = folder / "manifest.json"
     if path.exists():
         manifest = files.read_json(path.read_bytes(), path)
-        found = manifest.get("source")
-        if found != source:
-            differing = sorted(key for key in source if not isinstance(found, dict) or found.get(key) != source[key])
+        old_source = manifest.get("source")
+        if old_source != source:
+            values = old_source if isinstance(old_source, dict) else {}
+            differing = sorted(key for key in source if values.get(key) != source[key])
             raise ValueError(
                 f"{folder} holds steps prepared from another {', '.join(differing)}; give another run, or remove it"
             )
@@ -160,15 +161,15 @@ def _begun(folder: Path, source: dict, code: str) -> dict:
 
 
 def _write_manifest(folder: Path, manifest: dict) -> None:
-    files.write_whole(folder / "manifest.json", json.dumps(manifest).encode())
+    files.write_atomically(folder / "manifest.json", json.dumps(manifest).encode())
 
 
 def _encode(step: PreparedStep) -> bytes:
-    """A step as one safetensors file: every tensor once, and as metadata what refers to them and all other values."""
+    """A step as one safetensors file: each tensor once. The metadata hold all other values and the tensors' names."""
     tensors: dict[str, torch.Tensor] = {}
-    names: dict[tuple, str] = {}  # of the tensors, by their content
+    names: dict[tuple, str] = {}  # the name of each tensor, by its content
 
-    def plain(name: str, value: object) -> object:
+    def encode_value(name: str, value: object) -> object:
         if isinstance(value, torch.Tensor):
             content = (value.dtype, value.shape, value.numpy().tobytes())
             if content not in names:
@@ -176,17 +177,17 @@ def _encode(step: PreparedStep) -> bytes:
                 tensors[name] = value.contiguous()
             return {"tensor": names[content]}
         if isinstance(value, dict):
-            return {"members": {key: plain(f"{name}.{key}", member) for key, member in value.items()}}
+            return {"members": {key: encode_value(f"{name}.{key}", member) for key, member in value.items()}}
         return value
 
     samples = {
         role.name: {
-            field.name: plain(f"{role.name}.{field.name}", getattr(getattr(step, role.name), field.name))
+            field.name: encode_value(f"{role.name}.{field.name}", getattr(getattr(step, role.name), field.name))
             for field in dataclasses.fields(Sample)
         }
         for role in dataclasses.fields(step)
     }
-    # One key of metadata only: safetensors keeps no order of several, and equal steps have equal bytes.
+    # Equal steps must have equal bytes, so there is one key of metadata: safetensors keeps no order of keys.
     return safetensors.torch.save(tensors, {"samples": json.dumps(samples)})
 
 
@@ -196,15 +197,17 @@ def _decode(path: Path) -> PreparedStep:
         samples = json.loads(file.metadata()["samples"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
 
-    def whole(value: object) -> object:
+    def decode_value(value: object) -> object:
         if isinstance(value, list):
             return tuple(value)
         if not isinstance(value, dict):
             return value
         if "tensor" in value:
             return tensors[value["tensor"]]
-        return {key: whole(member) for key, member in value["members"].items()}
+        return {key: decode_value(member) for key, member in value["members"].items()}
 
-    return PreparedStep(**{
-        role: Sample(**{name: whole(value) for name, value in sample.items()}) for role, sample in samples.items()
-    })  # fmt: skip
+    roles = {
+        role: Sample(**{name: decode_value(value) for name, value in sample.items()})
+        for role, sample in samples.items()
+    }  # fmt: skip
+    return PreparedStep(**roles)

@@ -1,4 +1,4 @@
-"""Train a method from demonstrations: cross-entropy over pixels and angles, pick and place apart."""
+"""Train a method from demonstrations: cross-entropy over pixels and angles, separately for pick and place."""
 
 from __future__ import annotations
 
@@ -25,19 +25,21 @@ from gem_lite.policies import checkpoints
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
-SAVE_EVERY, SAVE_SECONDS = 100, 60
-"""Steps and seconds between two saves of the training state: a killed run loses at most the fewer of these."""
+SAVE_EVERY = 100
+"""The training state is saved after this number of steps at the latest."""
+SAVE_SECONDS = 60
+"""The training state is saved after this time (seconds) at the latest."""
 PREPARED = "prepared"
-"""The folder in a run for its prepared steps."""
+"""The name of the folder of the prepared steps, in the folder of a run."""
 LONGEST_PREPARATION = timedelta(days=7)
-"""How long the other processes wait for the one that prepares the steps."""
-LONGEST_GRADIENT = 1.0
+"""The longest time that the other processes wait for the one that prepares the steps."""
+MAX_GRADIENT_NORM = 1.0
 
 
 def make_batch(
     prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator, recolor: bool = False
 ) -> list[Sample]:
-    """Draw steps, hide the image-conditioned map now and then, move each by a random motion, and ``recolor`` it."""
+    """Draw steps, sometimes without the image-conditioned map; move and rescale each at random, and ``recolor`` it."""
     batch = []
     for _ in range(settings.batch):
         step = prepared[rng.integers(len(prepared))]
@@ -51,19 +53,19 @@ def make_batch(
 
 
 def learning_rate(settings: Config, step: int) -> float:
-    """The rate of a step: it warms up over 50 steps, holds, and falls linearly to a fiftieth over the second half."""
+    """The rate of a step: it rises for 50 steps, is constant, and falls linearly to a fiftieth in the second half."""
     return settings.learning_rate * min(1.0, (step + 1) / 50, 0.02 + 2 * (1 - step / settings.steps))
 
 
 class Losses(nn.Module):
-    """A policy's losses as the forward pass of one module, through which processes average their gradients."""
+    """A policy's losses as the forward pass of one module. Several processes need it to average their gradients."""
 
     def __init__(self, policy: PickPlacePolicy) -> None:
         super().__init__()
         self.policy = policy
 
     def forward(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
-        """Each role's loss."""
+        """The loss of each role."""
         return self.policy.losses(batch)
 
 
@@ -78,17 +80,17 @@ class Learner:
         self.accelerator = accelerator
         self.policy = policy
         self.modules = policy.roles
-        # Convolutions of few channels run a fifth faster with the channels innermost in memory.
+        # In this memory format, convolutions with few channels are a fifth faster.
         policy.to(accelerator.device, memory_format=torch.channels_last).train()
         optimizers = [torch.optim.Adam(m.parameters(), lr=policy.config.learning_rate) for m in self.modules.values()]
         self.losses, *optimizers = accelerator.prepare(Losses(policy), *optimizers)
         self.optimizers = dict(zip(self.modules, optimizers, strict=True))
 
     def step(self, batch: Sequence[Sample], rate: float) -> dict[str, float]:
-        """One step of every optimizer; returns each role's loss before it.
+        """Make one step with every optimizer. Returns the loss of each role before the step.
 
         Raises:
-            FloatingPointError: a loss or a gradient is not finite; no weight has changed.
+            FloatingPointError: a loss or a gradient is not finite. No weight has changed.
         """
         losses = self.losses(batch)
         for role, loss in losses.items():
@@ -96,10 +98,10 @@ class Learner:
                 raise FloatingPointError(f"the {role} loss is {loss.item()}")
         for optimizer in self.optimizers.values():
             optimizer.zero_grad(set_to_none=True)
-        # No weight has a part in two of the losses: the sum's gradients are those of each loss.
+        # No weight belongs to two losses, so the gradients of the sum are the gradients of each loss.
         self.accelerator.backward(sum(losses.values()))
         for role, module in self.modules.items():
-            norm = self.accelerator.clip_grad_norm_(module.parameters(), LONGEST_GRADIENT)
+            norm = self.accelerator.clip_grad_norm_(module.parameters(), MAX_GRADIENT_NORM)
             if not torch.isfinite(norm):
                 raise FloatingPointError(f"the {role} gradient is {norm.item()}")
         for optimizer in self.optimizers.values():
@@ -109,7 +111,7 @@ class Learner:
         return {role: loss.item() for role, loss in losses.items()}
 
     def release(self) -> None:
-        """Bring the policy back to the CPU, as it was."""
+        """Move the policy back to the CPU, in its old memory format."""
         self.policy.to("cpu", memory_format=torch.contiguous_format)
 
 
@@ -117,35 +119,36 @@ def train(
     policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
     watch: Callable[[int, dict[str, float]], None] | None = None,
 ) -> Cost:  # fmt: skip
-    """Train a policy's modules in place; returns what was spent on it in all.
+    """Train a policy's modules in place. Returns the total cost of the training.
 
-    Resumes from ``run`` if a training of the same method, configuration, data and seed was stopped there;
-    the result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe. Under
-    ``accelerate launch`` every process draws a batch of its own and gradients are averaged: the batch is as
-    many times larger as there are processes.
+    If a training with the same method, configuration, data and seed was stopped in ``run``, it continues, and the
+    result is the same as without the stop. On a GPU, networks run in bfloat16 where that is safe. Under
+    ``accelerate launch``, every process draws its own batch, and gradients are averaged: the batch size is
+    multiplied by the number of processes.
 
     Args:
-        prepared: a list of steps, or those of a folder (`prepared_steps`).
-        watch: called with every step's number and losses.
+        prepared: a list of steps, or the `prepared_steps` of a folder.
+        watch: called with the number and the losses of every step.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
-        FloatingPointError: a loss or a gradient is not finite; the last saved state stays intact.
-        OSError: the state cannot be saved; the last saved one stays intact.
+        FloatingPointError: a loss or a gradient is not finite. The last saved state stays intact.
+        OSError: the state cannot be saved. The last saved state stays intact.
     """
     settings = policy.config
     accelerator = Accelerator(cpu=device == "cpu", mixed_precision="no" if device == "cpu" else "bf16")
     learner = Learner(policy, accelerator)
     state = _state(policy, learner, prepared, seed, run)
-    steps, quiet = range(state.saved, settings.steps), not accelerator.is_main_process
+    steps = range(state.saved, settings.steps)
+    quiet = not accelerator.is_main_process
     with tqdm(steps, "training", settings.steps, initial=state.saved, unit="step", disable=quiet) as bar:
         for step in bar:
-            rng = _draws(seed, step, accelerator.process_index)
+            rng = _step_rng(seed, step, accelerator.process_index)
             batch = make_batch(prepared, settings, rng, policy.recolors)
             try:
                 losses = learner.step(batch, learning_rate(settings, step))
             except FloatingPointError as error:
-                raise FloatingPointError(f"{error} at step {step}; {state.last_good}") from None
+                raise FloatingPointError(f"{error} at step {step}; {state.description}") from None
             if watch:
                 watch(step, losses)
             if step % 10 == 0:
@@ -160,7 +163,7 @@ def train(
 def _state(
     policy: PickPlacePolicy, learner: Learner, prepared: Sequence[PreparedStep], seed: int, run: Path
 ) -> TrainingState:
-    """The state in ``run``, taken over if there is one."""
+    """The training state, restored from ``run`` if it was saved there."""
     accelerator = learner.accelerator
     identity = {
         "method": policy.name, "config": policy.config.as_dict(), "seed": seed,
@@ -174,18 +177,18 @@ def _state(
     return state
 
 
-def _draws(seed: int, step: int, process: int) -> np.random.Generator:
-    """Every step's draw depends on the seed and the step alone, so a resumed run draws the same."""
+def _step_rng(seed: int, step: int, process: int) -> np.random.Generator:
+    """The generator of one step. It depends on these arguments alone, so a resumed run draws the same batches."""
     return np.random.default_rng((seed, step, process) if process else (seed, step))
 
 
 def prepared_steps(policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, device: str = "cpu") -> StoredSteps:
-    """The demonstrations' prepared steps, in files in ``run``: for `train`, whose memory then does not grow with them.
+    """The prepared steps of demonstrations, in files in ``run``, for `train`.
 
-    Goes on where an earlier preparation was stopped. Of several processes one prepares, and the others wait.
+    A stopped preparation continues. With several processes, one prepares the steps, and the others wait.
 
     Raises:
-        ValueError, OSError: as `dataset.prepare`.
+        ValueError, OSError: the errors of `dataset.prepare`.
     """
     team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
     with team.main_process_first():
@@ -193,13 +196,13 @@ def prepared_steps(policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, 
 
 
 def discard(run: Path) -> None:
-    """Remove what `train` and `prepared_steps` left in ``run``: call it when the checkpoint is written."""
+    """Remove the files of `train` and `prepared_steps` in ``run``, after the checkpoint is written."""
     (run / STATE_FILE).unlink(missing_ok=True)
     shutil.rmtree(run / PREPARED, ignore_errors=True)
 
 
 def hardware(device: str) -> str:
-    """What trains, in words: the GPU's name, or how many of how many CPU cores."""
+    """The hardware of a training in words: the name of the GPUs, or the number of used CPU cores and of all."""
     if device != "cpu":
         return f"{PartialState().num_processes} x {torch.cuda.get_device_name()}"
     return f"{torch.get_num_threads()} of {os.cpu_count()} CPU cores"
@@ -209,22 +212,22 @@ def train_from_folder(
     folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu",
 ) -> dict | None:  # fmt: skip
-    """Train a method from the demonstrations in ``folder`` and write its checkpoint; resumes from ``run``, see `train`.
+    """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
-        settings: the method's configuration; the length of its table becomes that of the demonstrations' task.
-        episodes: use only the first so many demonstrations.
-        clip_name: as `clip.load` takes it.
+        settings: the method's configuration. Its table gets the length of the demonstrations' task.
+        episodes: the number of demonstrations to use, from the first; by default all.
+        clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
 
     Returns:
-        What the checkpoint's card says of the training. None in all processes but the first, which alone writes:
-        all hold the same weights.
+        The facts about the training, as on the checkpoint's card. With several processes, only the first writes the
+        checkpoint, and the others return None.
 
     Raises:
-        ValueError: no GPU, more episodes than there are or none, or see `train`.
+        ValueError: there is no GPU, or ``episodes`` is below 1 or above the number of demonstrations; see also `train`.
         FloatingPointError: see `train`.
-        OSError: no demonstrations, or what has to be written cannot be; see `train`.
+        OSError: there are no demonstrations, or a file cannot be written; see also `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")

@@ -1,4 +1,4 @@
-"""How far a training has come, in a file: a training that was stopped goes on from there to the same weights."""
+"""The state of a training, in a file. A stopped training continues from it and reaches the same weights."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 
 STATE_FILE = "state.pt"
 
 
 class Cost(NamedTuple):
-    """What a training took, its earlier parts included: seconds on the clock, and of all CPU cores together."""
+    """The cost of a training with all its parts: seconds on the clock, and CPU seconds of all cores together."""
 
     seconds: float
     cpu_seconds: float
 
     @classmethod
     def now(cls) -> Cost:
-        """The two clocks' readings; the difference of two readings is a cost."""
+        """The present values of the two clocks. The difference of two such values is a cost."""
         return cls(time.time(), time.process_time())
 
-    def since(self, began: Cost) -> Cost:
-        """What has been spent from ``began`` to here."""
-        return Cost(self.seconds - began.seconds, self.cpu_seconds - began.cpu_seconds)
+    def since(self, start: Cost) -> Cost:
+        """The cost from the clocks' values ``start`` to these."""
+        return Cost(self.seconds - start.seconds, self.cpu_seconds - start.cpu_seconds)
 
 
 @dataclass
 class TrainingState:
-    """What a training changes, and the file that keeps it.
+    """The modules and optimizers of a training, and the file of their state.
 
     Attributes:
-        file: where the state is kept.
-        identity: what decides the training's result, ready for JSON; another training's file is refused.
+        file: the file of the state.
+        identity: the facts that decide the result of the training, ready for JSON. A file with others is refused.
         modules, optimizers: by role, with the same roles.
-        writes: whether this process writes the file: of several processes one does.
-        saved: how many steps the file holds; 0 while there is no file.
-        saved_at: when it was written or read (seconds since the epoch).
-        began: the clocks' readings at which an unbroken training would have begun.
+        writes: whether this process writes the file. Only one of several processes does.
+        saved: the number of steps in the file; 0 while there is no file.
+        saved_at: the time of the last writing, or of the start (seconds since the epoch).
+        start: the clocks' values at the start, moved back by the cost of earlier parts.
     """
 
     file: Path
@@ -54,23 +54,23 @@ class TrainingState:
     writes: bool = True
     saved: int = 0
     saved_at: float = field(default_factory=time.time)
-    began: Cost = field(default_factory=Cost.now)
+    start: Cost = field(default_factory=Cost.now)
 
     @property
     def cost(self) -> Cost:
-        """What has been spent so far, before interruptions, too."""
-        return Cost.now().since(self.began)
+        """The cost so far, with that before interruptions."""
+        return Cost.now().since(self.start)
 
     @property
-    def last_good(self) -> str:
-        """What is left when the training fails now, in words."""
+    def description(self) -> str:
+        """The saved state in words, for error messages."""
         return f"{self.file} holds step {self.saved}, intact" if self.saved else "no state had been saved yet"
 
     def restore(self, device: torch.device) -> None:
-        """Take over what the file holds, if there is one.
+        """Load the state from the file, if there is one.
 
         Raises:
-            ValueError: it is of another training.
+            ValueError: the file belongs to another training.
         """
         if not self.file.exists():
             return
@@ -84,26 +84,27 @@ class TrainingState:
             module.load_state_dict(state[role])
             self.optimizers[role].load_state_dict(state[f"{role}_optimizer"])
         self.saved = state["step"]
-        self.began = self.began.since(Cost(*state["cost"]))
+        self.start = self.start.since(Cost(*state["cost"]))
 
     def save(self, step: int) -> None:
         """Write the state after ``step`` steps.
 
         Raises:
-            OSError: it cannot be written; the file holds what it held before.
+            OSError: the file cannot be written; it keeps its old content.
         """
         if self.writes:
             self._write(step)
-        self.saved, self.saved_at = step, time.time()
+        self.saved = step
+        self.saved_at = time.time()
 
     def _write(self, step: int) -> None:
         state = {"identity": self.identity, "step": step, "cost": tuple(self.cost)}
         for role, module in self.modules.items():
             state |= {role: module.state_dict(), f"{role}_optimizer": self.optimizers[role].state_dict()}
-        # Into memory first: torch's own writer reports a full disk as it likes, and not always.
+        # First into memory: torch does not always report a full disk.
         buffer = io.BytesIO()
         torch.save(state, buffer)
         try:
-            write_whole(self.file, buffer.getvalue())
+            write_atomically(self.file, buffer.getvalue())
         except OSError as error:
-            raise OSError(f"the state of step {step} cannot be saved ({error}); {self.last_good}") from error
+            raise OSError(f"the state of step {step} cannot be saved ({error}); {self.description}") from error

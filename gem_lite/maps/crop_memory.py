@@ -20,7 +20,7 @@ from gem_lite import language
 from gem_lite.actions import GripperState
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration
-from gem_lite.files import write_whole
+from gem_lite.files import write_atomically
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
@@ -146,7 +146,7 @@ class CropMemory:
         images, labels = self.pack()
         text = json.dumps(labels)
         metadata = {"entries": text, "sha256": _digest(images, text)}
-        write_whole(Path(path), safetensors.numpy.save({"images": images}, metadata))
+        write_atomically(Path(path), safetensors.numpy.save({"images": images}, metadata))
 
     @classmethod
     def load(cls, path: Path, clip: Clip) -> CropMemory:

@@ -18,7 +18,7 @@ from gem_lite.language import ImageQuery, Query
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig, PatchEmbeddings, PatchGrid, embed_patches, paint_outside, top_grid
 from gem_lite.rgbd.camera import View
-from gem_lite.rgbd.heightmap import HeightMap, PointLabels, fuse_views, sort_points
+from gem_lite.rgbd.heightmap import HeightMap, SortedPoints, fuse_views, sort_points
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class SceneEmbedding:
     """
 
     heightmap: HeightMap
-    points: PointLabels
+    points: SortedPoints
     sides: tuple[Any, ...]
     embed_top: Callable[[], PatchEmbeddings]
 

@@ -1,1 +1,1 @@
-"""RGB-D cameras and what is made of their pictures. Nothing here knows a simulator."""
+"""RGB-D cameras, views and height maps. Nothing here needs a simulator."""

@@ -1,4 +1,4 @@
-"""A camera, and what it sees: the model that points, renders and localisation share."""
+"""A camera and its view: the model for points, rendering and localisation."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Camera:
     """A pinhole camera. Its axes: +z forward, +x to the image's right, +y down.
 
     Attributes:
-        name: how pictures of it are labelled.
+        name: the label of its pictures.
         intrinsics: (3, 3). A point (X, Y, Z) in the camera's axes appears at (x, y) pixels from the upper left
             edge of the picture, with (x, y, 1) = intrinsics (X, Y, Z) / Z; pixel (row, col) has its centre at
             (col + 1/2, row + 1/2).
-        pose: (4, 4), from the camera's axes to the frame that the camera is given in (metres).
+        pose: (4, 4), from the camera's axes to the reference frame, usually the world's (metres).
         size: (H, W) in pixels.
-        near, far: what is nearer or farther (metres along the axis) is not seen.
+        near, far: the camera sees only what lies between these distances (metres along the axis).
     """
 
     name: str
@@ -56,7 +56,7 @@ class Camera:
 
     @property
     def position(self) -> np.ndarray:
-        """(3,) where the camera is, in metres."""
+        """(3,) position in metres."""
         return np.array(self.pose)[:3, 3]
 
     @property
@@ -78,7 +78,7 @@ def as_pose(rotation: np.ndarray, position: Sequence[float]) -> Matrix:
 
 @dataclass(frozen=True)
 class View:
-    """What one camera sees: ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 metres along the axis."""
+    """The picture of one camera: ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 metres along the axis."""
 
     camera: Camera
     rgb: np.ndarray
@@ -112,11 +112,11 @@ def _rays(camera: Camera) -> np.ndarray:
     return (pixels @ np.linalg.inv(camera.matrix).T @ camera.rotation.T).astype(np.float32)
 
 
-def looking(name: str, position: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
-    """A camera at ``position`` that looks at ``target`` (m), upright; not for straight down."""
+def camera_looking_at(name: str, position: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
+    """An upright camera at ``position`` that looks at ``target`` (m). It cannot look straight down."""
     forward = np.subtract(target, position)
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, (0, 0, 1))
     right /= np.linalg.norm(right)
-    turn = Rotation.from_matrix(np.stack([right, np.cross(forward, right), forward], axis=1))
-    return Camera.pinhole(name, position, turn.as_quat())
+    rotation = Rotation.from_matrix(np.stack([right, np.cross(forward, right), forward], axis=1))
+    return Camera.pinhole(name, position, rotation.as_quat())

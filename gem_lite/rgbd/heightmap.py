@@ -1,4 +1,4 @@
-"""The fused, top-down height map: what a policy sees, made from camera views and nothing else."""
+"""The fused, top-down height map. It is made from camera views alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Workspace
 
 SAME_SURFACE = 0.008
-"""Points at most this far (metres) below the highest one of their cell share its surface."""
+"""A point belongs to the top surface of its cell if it is at most this far (metres) below the cell's highest point."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class HeightMap:
     """The table from above: ``rgb`` (H, W, 3) uint8, ``height`` (H, W) float32 metres.
 
     Row 0 lies at ``workspace.y_max``; see `gem_lite.se2` for the conventions. ``seen`` (H, W) bool
-    tells which cells hold a camera's measurement; the others copy their nearest neighbour.
+    marks the cells that a camera measured; the other cells copy their nearest neighbour.
     """
 
     workspace: Workspace
@@ -37,11 +37,15 @@ class HeightMap:
 
 
 @dataclass(frozen=True)
-class PointLabels:
-    """The labelled point cloud of some views, sorted into the cells of a height map.
+class SortedPoints:
+    """The point cloud of all views, sorted into the cells of a height map.
 
-    ``cell`` (P,) is the flat cell index of each kept point and ``on_top`` (P,) whether the point lies
-    on its cell's highest surface. ``kept[n]`` (H_n, W_n) marks view n's pixels inside the workspace.
+    Attributes:
+        workspace: the area and the cells of the height map.
+        kept: for each view n (H_n, W_n) bool: which of its pixels show a point inside the workspace.
+        cell: (P,) the flat index of the cell of each such point.
+        on_top: (P,) bool: whether the point lies on the top surface of its cell.
+        height: (H, W) float32, the height map in metres.
     """
 
     workspace: Workspace
@@ -54,14 +58,15 @@ class PointLabels:
         """Average per-pixel labels of the views over each cell's top surface.
 
         Args:
-            labels: per view (H_n, W_n) or (H_n, W_n, C).
+            labels: for each view (H_n, W_n) or (H_n, W_n, C).
 
         Returns:
             The label map (H, W) or (H, W, C) float32 and ``seen`` (H, W) bool. Unseen cells copy
             their nearest seen neighbour.
         """
         values = np.concatenate([label[kept] for label, kept in zip(labels, self.kept, strict=True)])[self.on_top]
-        cells, size = self.cell[self.on_top], np.prod(self.workspace.shape)
+        cells = self.cell[self.on_top]
+        size = np.prod(self.workspace.shape)
         count = np.bincount(cells, minlength=size)
         columns = values.reshape(len(values), -1).T
         total = np.stack([np.bincount(cells, weights=column, minlength=size) for column in columns], axis=-1)
@@ -77,11 +82,12 @@ def _fill(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return image[tuple(nearest)]
 
 
-def sort_points(views: Sequence[View], workspace: Workspace) -> PointLabels:
-    """Sort every view's pixels into the cells of ``workspace``; the highest surface of a cell wins."""
+def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
+    """Sort the pixels of all views into the cells of ``workspace``, and find the top surface of each cell."""
     if not views:
         raise ValueError("views is empty: a height map needs at least one RGB-D view")
-    kept, points = [], []
+    kept = []
+    points = []
     for view in views:
         xyz = view.points()
         x, y, z = np.moveaxis(xyz, -1, 0)
@@ -92,7 +98,7 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> PointLabels:
     x, y, z = np.concatenate(points).T
     rows, cols = workspace.shape
     row, col = workspace.to_pixel(x, y)
-    # A cell's centre is a whole number, so rounding finds the cell; clip what floats push over an edge.
+    # A cell's centre is a whole number, so rounding gives the cell. Rounding errors may push a point over an edge.
     row = np.clip(np.floor(row + 0.5).astype(np.int64), 0, rows - 1)
     col = np.clip(np.floor(col + 0.5).astype(np.int64), 0, cols - 1)
     cell = row * cols + col
@@ -100,17 +106,18 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> PointLabels:
     np.maximum.at(top, cell, z)
     seen = np.isfinite(top).reshape(rows, cols)
     height = _fill(np.where(seen, np.maximum(top.reshape(rows, cols), 0), 0).astype(np.float32), seen)
-    return PointLabels(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
+    return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
 
 
-def fuse_views(views: Sequence[View], workspace: Workspace, points: PointLabels | None = None) -> HeightMap:
+def fuse_views(views: Sequence[View], workspace: Workspace, points: SortedPoints | None = None) -> HeightMap:
     """Fuse RGB-D views into one orthographic height map (Sec. 3, "top-down reconstruction").
 
     Args:
         views: RGB-D views of the table.
-        workspace: what to cover, and the cell size.
-        points: `sort_points` of the same arguments, where the caller has it already.
+        workspace: the area to cover, and the cell size.
+        points: the result of `sort_points` for the same arguments, if the caller already has it.
     """
-    points = points or sort_points(views, workspace)
+    if points is None:
+        points = sort_points(views, workspace)
     rgb, seen = points.project([view.rgb for view in views])
     return HeightMap(workspace, np.round(rgb).astype(np.uint8), points.height, seen)

@@ -1,4 +1,4 @@
-"""What a policy sees."""
+"""The input of a policy."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from gem_lite.rgbd.camera import View
 
 @dataclass(frozen=True)
 class Observation:
-    """All that a policy gets to see: RGB-D views of the table. No mask, no pose, no render from above."""
+    """All that a policy sees: RGB-D views of the table. It has no mask, no pose and no rendering from above."""
 
     views: tuple[View, ...]

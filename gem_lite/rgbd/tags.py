@@ -1,4 +1,4 @@
-"""AprilTags (36h11): which a picture shows, and where one's table is in the frame of the camera's base (A.12)."""
+"""AprilTags (36h11): find them in a picture, and compute the pose of a table from its tag (A.12)."""
 
 from __future__ import annotations
 
@@ -10,49 +10,53 @@ from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-COUNT = 587
-CELLS = 8
-"""Cells along a tag's side, its black border included."""
+TAG_COUNT = 587
+"""How many tags the family 36h11 has."""
+SQUARES = 8
+"""Squares along the side of a tag, with its black border."""
 TAG_SIDE = 0.14
-"""Length (m) of a tag's black square; a white margin of one cell surrounds it."""
+"""Length (m) of the side of a tag. A white margin, one square wide, surrounds it."""
 
 CORNERS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * TAG_SIDE / 2
-"""(4, 3) metres in a tag's frame, in OpenCV's order: the picture's upper left, then clockwise.
+"""(4, 3) corners of a tag in its own frame (m), in OpenCV's order: the upper left corner first, then clockwise.
 
-The frame is that of a height map: x to the picture's right, y to its top, z towards the viewer."""
+The frame is like that of a height map: x to the picture's right, y to its top, z towards the viewer."""
 
 
 class LocalisationError(RuntimeError):
-    """A table's tag was not found; the message says what was seen instead."""
+    """The tag of a table was not found. The message names the tags that were found."""
 
 
 def find_tags(view: View) -> dict[int, np.ndarray]:
-    """The 36h11 tags in a picture: each one's number and its corners (4, 2), (x, y) from its upper left edge."""
+    """The 36h11 tags in a picture: (4, 2) corners by the tag's number, as (x, y) from the picture's upper left edge."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
     corners, numbers, _ = cv2.aruco.ArucoDetector(DICTIONARY, parameters).detectMarkers(view.rgb)
-    found = [] if numbers is None else numbers.ravel()
-    return {int(number): quad[0].astype(float) for number, quad in zip(found, corners, strict=True)}
+    if numbers is None:  # OpenCV returns None if there is no tag.
+        return {}
+    return {int(number): quad[0].astype(float) for number, quad in zip(numbers.ravel(), corners, strict=True)}
 
 
 def table_in_base(view: View, number: int, tag: Pose2) -> Pose2:
-    """Where a table's frame is in the base's, from one picture of its tag (Perspective-n-Point).
+    """The pose of a table in the base's frame, from one picture of its tag (Perspective-n-Point).
 
     Args:
-        view: by the body camera, in the base's frame.
-        number: the table's tag.
-        tag: the tag in the table's frame.
+        view: the picture of the body camera, in the base's frame.
+        number: the number of the table's tag.
+        tag: the tag's pose in the table's frame.
 
     Raises:
-        LocalisationError: the tag is not in the picture; another one, or a half-hidden one, does not count.
+        LocalisationError: the tag is not fully visible in the picture.
     """
-    seen = find_tags(view)
-    if number not in seen:
-        others = f"only tag {', '.join(map(str, sorted(seen)))}" if seen else "no tag at all"
+    corners = find_tags(view)
+    if number not in corners:
+        others = f"only tag {', '.join(map(str, sorted(corners)))}" if corners else "no tag at all"
         raise LocalisationError(f"tag {number} is not in the picture, {others}")
     camera = view.camera
-    _, turn, at = cv2.solvePnP(CORNERS, seen[number], camera.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
-    # The tag in the camera's frame, then in the base's: both stand level, so three numbers are left.
-    rotation = camera.rotation @ Rotation.from_rotvec(turn.ravel()).as_matrix()
-    x, y, _ = camera.rotation @ at.ravel() + camera.position
+    _, rotation_vector, position = cv2.solvePnP(
+        CORNERS, corners[number], camera.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    # From the camera's frame to the base's frame. Tag and base are level, so x, y and yaw are enough.
+    rotation = camera.rotation @ Rotation.from_rotvec(rotation_vector.ravel()).as_matrix()
+    x, y, _ = camera.rotation @ position.ravel() + camera.position
     return Pose2(x, y, float(np.arctan2(rotation[1, 0], rotation[0, 0]))) @ tag.inverse()

@@ -1,13 +1,13 @@
-"""The simulated table: PyBullet world, cameras, height map, gripper and tasks."""
+"""The simulated tables: PyBullet worlds, cameras, bodies, tools and the base of all tasks."""
 
 import os
 
 
 def _import_pybullet_quietly() -> None:
-    """PyBullet writes its build time to the error stream on import; in every process, that is noise."""
+    """Import PyBullet without its message on the error stream (it writes its build time in every process)."""
     stream = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
+    with open(os.devnull, "w") as null_device:
+        os.dup2(null_device.fileno(), 2)
         try:
             import pybullet  # noqa: F401
         finally:

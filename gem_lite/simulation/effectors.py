@@ -1,6 +1,6 @@
-"""End effectors by name: what a pick, a place and a push do to the world.
+"""End effectors (tools) by name. They carry out picks, places and pushes.
 
-A task names its effector. One that comes from outside the library is registered in the same way:
+A task names its effector. A program outside the library registers its own effector in the same way:
 
     @effectors.EFFECTORS.register("hook")
     class Hook(Effector): ...
@@ -21,34 +21,35 @@ from gem_lite.registry import Registry
 from gem_lite.se2 import Pose2, wrap
 from gem_lite.simulation.floating_tool import PARKED, STRIDE, FloatingTool, planar
 
-TIP_RADIUS, TIP_LENGTH = 0.005, 0.03
+TIP_RADIUS = 0.005
+TIP_LENGTH = 0.03
 JAW_ANGLE = np.radians(20)
-"""A jaw turned further (radians) from a bar's yaw slips off it."""
+"""A jaw slips off a bar if their yaws differ by more than this (radians)."""
 JAW_REACH = 1 / 6
 """A jaw grasps the middle third of a bar: at most this share of its length off its centre."""
 HOLD = 50.0
-"""The force with which a held body is held."""
+"""The maximal force (N) with which the tool holds a body."""
 BLADE = (0.005, 0.05, 0.11)
 """Thickness, width and height (m) of the spatula's blade, as in CLIPort."""
 BLADE_ABOVE = 0.003
 """Height (m) of the blade's lower edge over the table when it pushes."""
 RUN_UP = 0.02
-"""A push begins so far (m) behind its start, so that the blade does not come down on what it is to push."""
+"""A push begins this far (m) behind its start, so that the blade does not come down on the body to push."""
 PUSH_STRIDE = STRIDE / 3
-"""Metres per simulation step while it pushes."""
+"""Metres per simulation step during a push."""
 DARK = (0.1, 0.1, 0.1, 1)
 
 
 class Effector(FloatingTool, ABC):
-    """A tool in a world. It refuses what it cannot do.
+    """A tool in a world. It refuses actions that it cannot carry out.
 
     Attributes:
         actions: the kinds of action that it can carry out.
-        reach: how far (m) its lower end is below its centre.
+        reach: the distance (m) from its centre down to its lower end.
 
     Args:
         client: the physics client.
-        parked: where it waits (m).
+        parked: the position (m) where it waits.
     """
 
     actions: ClassVar[tuple[type[Action], ...]]
@@ -60,10 +61,10 @@ class Effector(FloatingTool, ABC):
     @staticmethod
     @abstractmethod
     def make_shapes(client: int) -> tuple[int, int]:
-        """The tool's collision and visual shape, centred on the tool."""
+        """The tool's collision shape and visual shape, centred on the tool."""
 
     def check(self, action: Action) -> None:
-        """Raises ValueError for an action that this tool cannot carry out."""
+        """Raises ValueError if this tool cannot carry out the action."""
         if not isinstance(action, self.actions):
             allowed = " or ".join(kind.__name__ for kind in self.actions)
             raise ValueError(
@@ -71,15 +72,15 @@ class Effector(FloatingTool, ABC):
             )
 
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
-        """Grasp at ``pose``; True if something is held then. Raises ValueError if this tool cannot."""
+        """Grasp at ``pose``. Returns whether the tool then holds a body. Raises ValueError if this tool cannot pick."""
         raise ValueError(f"the tool {type(self).__name__} cannot pick")
 
     def place(self, pose: Pose2) -> None:
-        """Put what is held at ``pose``. Raises ValueError if this tool cannot."""
+        """Put the held body at ``pose``. Raises ValueError if this tool cannot place."""
         raise ValueError(f"the tool {type(self).__name__} cannot place")
 
     def push(self, start: Pose2, end: Pose2) -> None:
-        """Push along the table from ``start`` to ``end``. Raises ValueError if this tool cannot."""
+        """Push along the table from ``start`` to ``end``. Raises ValueError if this tool cannot push."""
         raise ValueError(f"the tool {type(self).__name__} cannot push")
 
 
@@ -88,7 +89,7 @@ EFFECTORS: Registry[type[Effector]] = Registry("end effector")
 
 @EFFECTORS.register("suction")
 class Suction(Effector):
-    """A suction cup: it holds whatever movable body its tip touches, at any yaw, and really carries it."""
+    """A suction cup: it holds the movable body that its tip touches, at any yaw, and really carries it."""
 
     actions = (PickPlace,)
     reach = TIP_LENGTH / 2
@@ -98,14 +99,14 @@ class Suction(Effector):
     @staticmethod
     @override
     def make_shapes(client: int) -> tuple[int, int]:
-        shape = dict(radius=TIP_RADIUS, physicsClientId=client)
-        collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **shape)
-        visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=DARK, **shape)
+        common = dict(radius=TIP_RADIUS, physicsClientId=client)
+        collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **common)
+        visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=DARK, **common)
         return collision, visual
 
     @override
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
-        """Reach above ``pose``, go down until the tip touches, grasp, lift. True if something is held."""
+        """Move above ``pose``, go down until the tip touches a body, grasp, lift. Returns whether a body is held."""
         self.carry(pose)
         touched = self._descend(lambda: self._touching(self.id, without=set()))
         for body in touched & movable:
@@ -117,14 +118,14 @@ class Suction(Effector):
 
     @override
     def place(self, pose: Pose2) -> None:
-        """Carry what is held above ``pose``, go down until it touches something, let go, rise.
+        """Carry the held body above ``pose``, go down until it touches something, release it, and rise.
 
         Raises:
-            RuntimeError: nothing is held.
+            RuntimeError: no body is held.
         """
         held = self.held
         if held is None:
-            raise RuntimeError("nothing is held, so that there is nothing to place")
+            raise RuntimeError("no body is held, so there is nothing to place")
         self.carry(pose)
         self._descend(lambda: self._touching(held, without={self.id}))
         self._release()
@@ -132,18 +133,18 @@ class Suction(Effector):
 
     @override
     def park(self) -> None:
-        """Let go of everything and leave the cameras' sight."""
+        """Release the held body and leave the view of the cameras."""
         self._release()
         super().park()
 
     def grasps(self, body: int) -> bool:
-        """Whether the tool holds a body that its tip touches."""
+        """Whether the tool can hold a body that its tip touches."""
         return True
 
     def _attach(self, body: int) -> None:
         tip = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
-        thing = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
-        position, turn = p.multiplyTransforms(*p.invertTransform(*tip), *thing)
+        grasped = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        position, turn = p.multiplyTransforms(*p.invertTransform(*tip), *grasped)
         self._hold = p.createConstraint(
             self.id, -1, body, -1, p.JOINT_FIXED, (0, 0, 0), position, (0, 0, 0), turn, physicsClientId=self._client
         )
@@ -159,24 +160,25 @@ class Suction(Effector):
 
 @EFFECTORS.register("jaw")
 class Jaw(Suction):
-    """A parallel jaw: it holds a bar only if it closes across it.
+    """A parallel jaw: it holds a bar only if it closes across the bar.
 
-    The two fingers, which are not modelled, close along the tool's y axis: at yaw 0 they come from -y and +y of the
-    world, and the jaw's yaw is that of a bar which it grasps squarely (half a turn more is the same grasp).
+    The two fingers are not modelled. They close along the tool's y axis. In a perfect grasp, the jaw has the yaw of the
+    bar; half a turn more is the same grasp.
     """
 
     @override
     def grasps(self, body: int) -> bool:
-        """Whether the jaw, where it is, would hold a bar: a box that is longest along its own x."""
+        """Whether the jaw, at its present pose, holds a bar: a box that is longest along its own x axis."""
         length = p.getCollisionShapeData(body, -1, physicsClientId=self._client)[0][3][0]
-        bar, tool = (planar(self._client, one) for one in (body, self.id))
-        off = bar.inverse() @ tool
-        return abs(wrap(2 * off.yaw) / 2) <= JAW_ANGLE and abs(off.x) <= JAW_REACH * length
+        jaw_in_bar = planar(self._client, body).inverse() @ planar(self._client, self.id)
+        across = abs(wrap(2 * jaw_in_bar.yaw) / 2) <= JAW_ANGLE
+        near_middle = abs(jaw_in_bar.x) <= JAW_REACH * length
+        return across and near_middle
 
 
 @EFFECTORS.register("spatula")
 class Spatula(Effector):
-    """A flat upright blade, which pushes and holds nothing (CLIPort's tool for piles)."""
+    """A flat upright blade. It pushes bodies and cannot hold them (CLIPort's tool for piles)."""
 
     actions = (Push,)
     reach = BLADE[2] / 2
@@ -191,9 +193,9 @@ class Spatula(Effector):
 
     @override
     def push(self, start: Pose2, end: Pose2) -> None:
-        """Come down `RUN_UP` behind ``start`` until the blade touches something, move to ``end``, rise.
+        """Go down `RUN_UP` behind ``start`` until the blade touches something, move to ``end``, and rise.
 
-        The blade stands square to the way. One that came down on a body passes over what is lower.
+        The blade is perpendicular to the path. If it stopped on a body, it passes over all lower bodies.
         """
         yaw = math.atan2(end.y - start.y, end.x - start.x)
         behind = Pose2(start.x, start.y, yaw) @ Pose2(-RUN_UP, 0.0)

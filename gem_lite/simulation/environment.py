@@ -1,4 +1,4 @@
-"""What all simulated environments share: reset a task, observe its tables with three cameras each, act on them."""
+"""The base of all simulated environments: reset a task, observe each table with three cameras, carry out actions."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from gem_lite.simulation.task import Task
 from gem_lite.simulation.worlds import HOME, RGBA, WorldStyle
 
 SETTLE_STEPS = 4800
-"""Budget for the scene to come to rest, in simulation steps."""
+"""The scene may take this many simulation steps to come to rest."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
 Watch = Callable[[str], None]
-"""Called with the name of a moment of an action: "picked", "pushed" or "placed", for pictures."""
+"""Called at the moments "picked", "pushed" and "placed" of an action, with the moment's name: to take pictures."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What an action led to.
+    """The result of an action.
 
     Attributes:
-        observations: one a table, after the action.
+        observations: one for each table, after the action.
         reward: the change of the task's score, in [-1, 1].
         done: whether the episode is over.
-        grasped: whether the tool held something; never in a push.
-        trace: what the tool logged of itself.
+        grasped: whether the tool held a body; False for a push.
+        trace: the states of the tool during the action.
     """
 
     observations: tuple[Observation, ...]
@@ -48,20 +48,20 @@ class Step:
 
 
 class Environment(ABC):
-    """Bodies, a tool and a task on one or several tables, in a physics client of its own.
+    """Bodies, a tool and a task on one or several tables. Each environment has its own physics client.
 
     Use as a context manager, or call `close`.
 
     Attributes:
-        workspace: what actions may touch of a table, in the table's own frame.
-        tables: where the tables' frames are in the world.
-        base: where the tool's base is in the world.
-        parked: where the tool waits (m).
-        effector: the tool, which the task chooses.
+        workspace: the area of a table that actions may reach, in the table's own frame.
+        tables: the poses of the tables' frames in the world.
+        base: the pose of the tool's base in the world.
+        parked: the position (m) where the tool waits.
+        effector: the tool. The task chooses it.
 
     Args:
         gui: open PyBullet's window; headless by default.
-        style: how scenes look and lie.
+        style: the looks and the layout of the scenes.
     """
 
     tables: tuple[Pose2, ...] = (Pose2(0.0, 0.0),)
@@ -99,7 +99,7 @@ class Environment(ABC):
         return self._task
 
     def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
-        """Lay out an episode of ``task`` and look at it; everything random in it comes from ``seed``."""
+        """Lay out an episode of ``task`` and observe it. All its random choices come from ``seed``."""
         self.begin(task, seed)
         return self.observe()
 
@@ -115,21 +115,22 @@ class Environment(ABC):
 
     @abstractmethod
     def observe(self) -> tuple[Observation, ...]:
-        """What the three cameras of each table see, in that table's own frame."""
+        """The views of the three cameras of each table, in that table's own frame."""
 
     def step(self, action: Action, watch: Watch | None = None) -> Step:
-        """Carry out an action, and score what it led to.
+        """Carry out an action and score the result.
 
         Args:
-            action: what the task's tool can do, each pose in the frame of its table.
+            action: an action that the task's tool can carry out. Each pose is in the frame of its table.
             watch: called at the moments of the action.
 
         Raises:
-            ValueError: see `check`; then nothing has moved.
+            ValueError: `check` refuses the action; nothing has moved.
             RuntimeError: there is no task yet.
         """
         self.check(action)
-        watch = watch or (lambda moment: None)
+        if watch is None:
+            watch = _ignore
         grasped = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
         reward, done = self.conclude()
         watch("placed")
@@ -139,8 +140,8 @@ class Environment(ABC):
         """Refuse an action that cannot be carried out.
 
         Raises:
-            ValueError: it is not for the task's tool; a table that is not there; a pose outside the workspace; a yaw
-                that is not finite; a push that goes nowhere.
+            ValueError: the task's tool cannot carry it out, a table does not exist, a pose lies outside the workspace,
+                a yaw is not finite, or a push has no length.
             RuntimeError: there is no task yet.
         """
         workspace = self.task.workspace
@@ -164,32 +165,32 @@ class Environment(ABC):
 
     @abstractmethod
     def reach(self, table: int) -> Pose2:
-        """Bring the tool's base before a table.
+        """Bring the tool's base to a table.
 
         Returns:
-            The table's frame in the base's, as the robot believes.
+            The table's pose in the base's frame, as the robot estimates it.
         """
 
     def _pick_and_place(self, action: PickPlace, watch: Watch) -> bool:
-        frame = self.reach(action.pick_table)
+        table_pose = self.reach(action.pick_table)
         self.effector.trace.clear()
-        grasped = self.effector.pick(self.base @ (frame @ action.pick), self.movable)
+        grasped = self.effector.pick(self.base @ (table_pose @ action.pick), self.movable)
         watch("picked")
         if grasped:
             if action.place_table != action.pick_table:
-                frame = self.reach(action.place_table)
-            self.effector.place(self.base @ (frame @ action.place))
+                table_pose = self.reach(action.place_table)
+            self.effector.place(self.base @ (table_pose @ action.place))
         return grasped
 
     def _push(self, action: Push, watch: Watch) -> bool:
-        frame = self.reach(action.table)
+        table_pose = self.reach(action.table)
         self.effector.trace.clear()
-        self.effector.push(self.base @ (frame @ action.start), self.base @ (frame @ action.end))
+        self.effector.push(self.base @ (table_pose @ action.start), self.base @ (table_pose @ action.end))
         watch("pushed")
         return False
 
     def conclude(self) -> tuple[float, bool]:
-        """End an action: park the tool, settle, score; then the task may go on to its next sentence.
+        """End an action: park the tool, let the bodies settle, score, and let the task go on to its next sentence.
 
         Returns:
             The change of the task's score since the last action, in [-1, 1], and whether the episode is over.
@@ -207,10 +208,10 @@ class Environment(ABC):
 
     @abstractmethod
     def furnish(self) -> None:
-        """Put up tables and floor."""
+        """Add the tables and the floor."""
 
     def clear(self, effector: str = "suction") -> None:
-        """Empty the world but for tables, floor and a tool. Raises ValueError if no tool has the name."""
+        """Reset the world to tables, floor and a tool. Raises ValueError if no tool has this name."""
         make_effector = EFFECTORS.find(effector)
         p.resetSimulation(physicsClientId=self.client)
         p.setGravity(0, 0, -9.8, physicsClientId=self.client)
@@ -220,33 +221,33 @@ class Environment(ABC):
         self.effector = make_effector(self.client, self.parked)
 
     def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> None:
-        """A fixed box with its upper face at the height ``top``; one that is not solid is only seen."""
+        """Add a fixed box with its upper face at the height ``top``. If it is not ``solid``, it is visible only."""
         common = dict(halfExtents=half, physicsClientId=self.client)
         visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
         collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
-        at = (pose.x, pose.y, top - half[2])
-        body = p.createMultiBody(0, collision, visual, at, quaternion(pose.yaw), physicsClientId=self.client)
+        position = (pose.x, pose.y, top - half[2])
+        body = p.createMultiBody(0, collision, visual, position, quaternion(pose.yaw), physicsClientId=self.client)
         p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
 
     def add(self, body: Body) -> Body:
-        """Register a body that was made in this world's client."""
+        """Register a body that was made in this environment's physics client."""
         self.bodies.append(body)
         return body
 
     @property
     def movable(self) -> set[int]:
-        """The ids of all bodies that can be moved."""
+        """The ids of all movable bodies."""
         return {body.id for body in self.bodies if body.movable}
 
     def pose(self, body: Body) -> tuple[Pose2, float]:
-        """Ground truth for experts, rewards and tests: planar pose in the world and the height z of the origin."""
+        """The true pose of a body in the world, and the height z of its origin: for experts, rewards and tests."""
         (x, y, z), quat = p.getBasePositionAndOrientation(body.id, physicsClientId=self.client)
         return Pose2(x, y, p.getEulerFromQuaternion(quat)[2]), z
 
     def on_table(self, pose: Pose2) -> tuple[Pose2, int]:
-        """A pose in the world as actions need it: in the frame of the table that it lies on, and that table's number.
+        """A pose in the world, converted for an action: the pose in the frame of its table, and that table's number.
 
-        A pose beside all tables is told in the frame of the first.
+        A pose beside all tables is given in the frame of the first table.
         """
         for number, table in enumerate(self.tables):
             local = table.inverse() @ pose
@@ -255,7 +256,7 @@ class Environment(ABC):
         return self.tables[0].inverse() @ pose, 0
 
     def settle(self) -> bool:
-        """Simulate until every movable body rests, within a budget of steps. True if all rest."""
+        """Simulate until every movable body rests, for at most `SETTLE_STEPS`. Returns whether all bodies rest."""
         for _ in range(SETTLE_STEPS // 10):
             for _ in range(10):
                 p.stepSimulation(physicsClientId=self.client)
@@ -265,12 +266,16 @@ class Environment(ABC):
         return False
 
     def wait(self, seconds: float) -> None:
-        """Simulate for so long, whatever moves: what slowly begins to fall seems to `settle` to rest."""
+        """Simulate for a fixed time. `settle` would stop too early for a body that begins to fall slowly."""
         for _ in range(round(RATE * seconds)):
             p.stepSimulation(physicsClientId=self.client)
 
 
+def _ignore(moment: str) -> None:
+    """A `Watch` that does nothing."""
+
+
 def body_at(environment: Environment, pose: Pose2) -> int:
-    """The id of the body that lies topmost at a pose in the world, -1 if none: the simulator's truth."""
+    """The id of the topmost body at a pose in the world, -1 if there is none. This is ground truth."""
     hit, *_ = p.rayTest((pose.x, pose.y, 0.5), (pose.x, pose.y, -0.01), physicsClientId=environment.client)
     return hit[0]

@@ -1,6 +1,6 @@
-"""A body that floats, driven by a constraint: how every tool moves. What tools do is in `effectors`.
+"""A floating body that a constraint moves: the motion of every tool. The tools' actions are in `effectors`.
 
-All motions are counted in simulation steps.
+Time is counted in simulation steps.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from gem_lite.se2 import Pose2, quaternion, wrap
 RATE = 240
 """Simulation steps per second."""
 PARKED = (0.0, 0.0, 0.6)
-"""Where the tool of a single table waits (m): outside every camera's line of sight to the table."""
+"""The position (m) where the tool of a single table waits: no camera sees it there."""
 CLEARANCE = 0.2
 """Height (m) at which the tool travels."""
 STRIDE = 0.003
-"""Metres per simulation step: faster, and the constraint lags behind by centimetres."""
+"""Metres per simulation step. With a larger stride, the tool lags behind its target by centimetres."""
 TURN = 0.03
 """Radians per simulation step."""
 FORCE = 200.0
@@ -30,19 +30,18 @@ LOG_EVERY = 8
 
 
 class FloatingTool:
-    """A body with a place where it is meant to be, to which a strong constraint draws it.
+    """A body that a strong constraint pulls to its target pose.
 
     Attributes:
-        id: of its body.
+        id: the id of its body.
         held: the id of the body that it carries, or None.
-        trace: the states it went through since its owner last cleared it, one every `LOG_EVERY` simulation steps of a
-            motion.
+        trace: its states during its motions, one every `LOG_EVERY` simulation steps. The owner clears it.
 
     Args:
         client: the physics client.
-        shapes: collision and visual shape in that client, centred on the tool.
-        reach: how far (m) the tool's lower end is below its centre.
-        parked: where it waits (m).
+        shapes: collision shape and visual shape in that client, centred on the tool.
+        reach: the distance (m) from the tool's centre down to its lower end.
+        parked: the position (m) where it waits.
     """
 
     def __init__(
@@ -67,38 +66,45 @@ class FloatingTool:
         return planar(self._client, self.id).yaw
 
     def carry(self, pose: Pose2) -> None:
-        """Travel above ``pose`` with what is held."""
+        """Travel above ``pose``, with the held body if there is one."""
         self._rise()
-        # The shorter way round; the tool turns while it travels.
+        # The shorter of the two turns; the tool turns while it travels.
         yaw = self._yaw + wrap(pose.yaw - self._yaw)
         self._move(np.array([pose.x, pose.y, CLEARANCE]), yaw)
 
     def park(self) -> None:
-        """Leave the cameras' sight."""
+        """Leave the view of the cameras."""
         self._move(np.array(self._parked), 0.0)
 
     def _touching(self, body: int, without: set[int]) -> set[int]:
         contacts = p.getContactPoints(bodyA=body, physicsClientId=self._client)
-        return {c[2] for c in contacts if c[8] <= 0} - without
+        other_body, distance = 2, 8  # PyBullet's places in a contact
+        return {contact[other_body] for contact in contacts if contact[distance] <= 0} - without
 
     def _rise(self) -> None:
         self._move(np.array([*self._target[:2], CLEARANCE]), self._yaw)
 
     def _descend(self, touching: Callable[[], set[int]], above: float = 0.0) -> set[int]:
-        """Down in 1 mm strides until ``touching()`` names a body or the lower end is ``above`` (m) the table."""
-        while not (found := touching()) and self._target[2] > self._reach + above:
+        """Go down in strides of 1 mm until the tool touches a body or its lower end is ``above`` (m) the table.
+
+        Returns:
+            The ids of the bodies that it touches, from ``touching()``.
+        """
+        touched = touching()
+        while not touched and self._target[2] > self._reach + above:
             self._advance(self._target - [0, 0, 0.001], self._yaw)
-        return found
+            touched = touching()
+        return touched
 
     def _move(self, goal: np.ndarray, yaw: float, stride: float = STRIDE) -> None:
-        away = max(float(np.linalg.norm(goal - self._target)) / stride, abs(yaw - self._yaw) / TURN)
-        for _ in range(math.ceil(away) + 1):
-            rest = goal - self._target
+        steps = max(float(np.linalg.norm(goal - self._target)) / stride, abs(yaw - self._yaw) / TURN)
+        for _ in range(math.ceil(steps) + 1):
+            path = goal - self._target
             turn = yaw - self._yaw
-            distance = np.linalg.norm(rest)
+            distance = np.linalg.norm(path)
             if distance < 1e-6 and abs(turn) < 1e-6:
                 break
-            step = rest * min(1.0, stride / max(distance, 1e-9))
+            step = path * min(1.0, stride / max(distance, 1e-9))
             self._advance(self._target + step, self._yaw + float(np.clip(turn, -TURN, TURN)))
         for _ in range(10):
             self._simulate()
@@ -121,6 +127,6 @@ class FloatingTool:
 
 
 def planar(client: int, body: int) -> Pose2:
-    """Where a body is, seen from above."""
+    """The pose of a body, seen from above."""
     (x, y, _), turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
     return Pose2(x, y, p.getEulerFromQuaternion(turn)[2])

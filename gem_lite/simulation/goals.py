@@ -1,4 +1,4 @@
-"""Goals of a task: which bodies belong where, when they are there, and how an expert brings them there."""
+"""The goals of a task: which bodies have which targets, when a target is reached, and the expert's next action."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gem_lite.simulation.environment import Environment
 
 Target = Body | Pose2
-"""Where something belongs: at the origin of a body, wherever that lies, or at a pose in the world."""
+"""The target of a body: the origin of another body, or a pose in the world."""
 FULL_TURN = 2 * math.pi
 MIDDLE = Pose2(0.0, 0.0)
 """A body's own origin."""
@@ -28,10 +28,10 @@ def target_pose(environment: Environment, target: Target) -> Pose2:
 
 
 class Metric(Protocol):
-    """Says when a body is where it belongs.
+    """Decides whether a body is at its target.
 
     Attributes:
-        symmetry: the smallest turn (radians) of a placed body that changes nothing; 0 where no yaw is wrong.
+        symmetry: the smallest turn (radians) of a placed body that changes nothing; 0 if every yaw is right.
     """
 
     @property
@@ -49,12 +49,12 @@ class PoseMetric:
     """A body is at its target if their poses nearly agree.
 
     Attributes:
-        distance: less than this (m) lies between the two, seen from above.
-        symmetry: the smallest turn (radians) that changes nothing of the body: pi / 2 for a cube, 2 pi for an L;
-            0 (the default) where the yaw is not scored.
-        yaw: the yaw is less than this (radians) off.
-        height: where the body's origin has to be (m); None (the default) where the height is not scored.
-        height_distance: less than this (m) lies between that and where it is.
+        distance: the distance (m) of the two, seen from above, is less than this.
+        symmetry: the smallest turn (radians) of the body that changes nothing: pi / 2 for a cube, 2 pi for an L;
+            0 (the default) if the yaw is not scored.
+        yaw: the error of the yaw is less than this (radians).
+        height: the height (m) that the body's origin should have; None (the default) if it is not scored.
+        height_distance: the error of the height is less than this (m).
     """
 
     distance: float
@@ -66,19 +66,20 @@ class PoseMetric:
     def reached(self, environment: Environment, body: Body, target: Target) -> bool:
         """Whether a body is at a target."""
         pose, z = environment.pose(body)
-        off = target_pose(environment, target).inverse() @ pose
-        near = math.hypot(off.x, off.y) < self.distance
-        level = self.height is None or abs(z - self.height) < self.height_distance
-        return near and level and angle_off(off.yaw, self.symmetry) < self.yaw
+        offset = target_pose(environment, target).inverse() @ pose
+        near = math.hypot(offset.x, offset.y) < self.distance
+        right_height = self.height is None or abs(z - self.height) < self.height_distance
+        right_yaw = angle_off(offset.yaw, self.symmetry) < self.yaw
+        return near and right_height and right_yaw
 
 
 @dataclass(frozen=True)
 class ZoneMetric:
-    """A body is at its target if its origin is inside a box round the target's. No yaw is wrong.
+    """A body is at its target if its origin is inside a box round the target's origin. Every yaw is right.
 
     Attributes:
         size: the box's sides (m) along the target's x and y axes.
-        height: its height (m) above the table.
+        height: the box's height (m) above the table.
     """
 
     size: tuple[float, float]
@@ -86,29 +87,29 @@ class ZoneMetric:
 
     @property
     def symmetry(self) -> float:
-        """0: every yaw is as good."""
+        """0: every yaw is right."""
         return 0.0
 
     def reached(self, environment: Environment, body: Body, target: Target) -> bool:
         """Whether a body is at a target."""
         pose, z = environment.pose(body)
-        off = target_pose(environment, target).inverse() @ pose
-        return abs(off.x) < self.size[0] / 2 and abs(off.y) < self.size[1] / 2 and z < self.height
+        offset = target_pose(environment, target).inverse() @ pose
+        return abs(offset.x) < self.size[0] / 2 and abs(offset.y) < self.size[1] / 2 and z < self.height
 
 
 @dataclass(frozen=True)
 class Goal:
-    """One sentence, and what it asks for.
+    """One sentence and the scene that it demands.
 
     Attributes:
         sentence: the instruction.
-        bodies: what has to be moved.
-        targets: where to. Each body may go to any of them, and several bodies may share one.
-        metric: says when a body is at a target.
-        share: the goal's part of the task's reward, in proportion to those of the other goals.
-        grasp: where the expert grasps a body, in the body's frame.
-        grasp_symmetry: the smallest turn (radians) of the tool about that point that grasps as well; 0 where every
-            yaw does.
+        bodies: the bodies to move.
+        targets: the possible targets. Each body may go to any of them, and several bodies may share one.
+        metric: decides whether a body is at a target.
+        share: the goal's part of the task's reward, in proportion to the shares of the other goals.
+        grasp: the pose of the expert's grasp, in the body's frame.
+        grasp_symmetry: the smallest turn (radians) of the tool about that point that does not change the grasp; 0 if
+            every yaw is right.
     """
 
     sentence: str
@@ -121,7 +122,9 @@ class Goal:
 
     def at_targets(self, environment: Environment) -> np.ndarray:
         """(bodies, targets) bool: which body is at which target."""
-        return np.array([[self.metric.reached(environment, b, t) for t in self.targets] for b in self.bodies])
+        return np.array(
+            [[self.metric.reached(environment, body, target) for target in self.targets] for body in self.bodies]
+        )
 
     def done(self, environment: Environment) -> float:
         """The share of the bodies that are at a target, in [0, 1]."""
@@ -129,23 +132,24 @@ class Goal:
 
     def placed(self, environment: Environment) -> set[int]:
         """The ids of the bodies that are at a target."""
-        there = self.at_targets(environment)
-        return {body.id for body, at in zip(self.bodies, there, strict=True) if at.any()}
+        placed = self.at_targets(environment).any(axis=1)
+        return {body.id for body, is_placed in zip(self.bodies, placed, strict=True) if is_placed}
 
     def next_move(self, environment: Environment) -> tuple[Body, Target]:
         """The body that is farthest from its nearest free target, and that target.
 
-        A target is free if no body of the goal is at it; where none is, all serve.
+        A target is free if no body of the goal is at it. If no target is free, all targets are used.
 
         Raises:
             ValueError: every body is at a target.
         """
-        there = self.at_targets(environment)
-        waiting = np.flatnonzero(~there.any(axis=1))
+        at_targets = self.at_targets(environment)
+        waiting = np.flatnonzero(~at_targets.any(axis=1))
         if len(waiting) == 0:
             raise ValueError(f"the goal {self.sentence!r} is reached: no body is left to move")
-        free = np.flatnonzero(~there.any(axis=0))
-        free = free if len(free) else np.arange(len(self.targets))
+        free = np.flatnonzero(~at_targets.any(axis=0))
+        if len(free) == 0:
+            free = np.arange(len(self.targets))
         bodies = _positions([environment.pose(body)[0] for body in self.bodies])
         targets = _positions([target_pose(environment, target) for target in self.targets])
         distances = np.linalg.norm(bodies[waiting, None] - targets[free], axis=-1)
@@ -162,26 +166,27 @@ def _positions(poses: list[Pose2]) -> np.ndarray:
 def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:
     """The expert's next pick and place for a goal that is not reached.
 
-    It grasps the body by `Goal.grasp`, with the body's yaw. The body goes to its target by the smallest turn that makes
-    the yaw right; where no yaw is wrong, the tool keeps its yaw and takes the grasped point to the target's middle.
+    The expert grasps the body at `Goal.grasp`, with the body's yaw. It turns the body by the smallest angle that makes
+    the yaw right. If every yaw is right, the tool keeps its yaw and brings the grasped point to the target's origin.
 
     Raises:
         ValueError: the goal is reached.
     """
     body, target = goal.next_move(environment)
-    lying = environment.pose(body)[0]
-    belongs = target_pose(environment, target)
+    body_pose = environment.pose(body)[0]
+    goal_pose = target_pose(environment, target)
     symmetry = goal.metric.symmetry
-    pick = lying @ goal.grasp
+    pick = body_pose @ goal.grasp
     if symmetry == 0:
-        place = Pose2(belongs.x, belongs.y, pick.yaw)
+        place = Pose2(goal_pose.x, goal_pose.y, pick.yaw)
     elif symmetry == FULL_TURN:
-        place = belongs @ goal.grasp
+        place = goal_pose @ goal.grasp
     else:
         turns = FULL_TURN / symmetry
-        turn = wrap(turns * (belongs.yaw - lying.yaw)) / turns
-        place = Pose2(belongs.x, belongs.y, lying.yaw + turn) @ goal.grasp
-    (pick, pick_table), (place, place_table) = environment.on_table(pick), environment.on_table(place)
+        turn = wrap(turns * (goal_pose.yaw - body_pose.yaw)) / turns
+        place = Pose2(goal_pose.x, goal_pose.y, body_pose.yaw + turn) @ goal.grasp
+    pick, pick_table = environment.on_table(pick)
+    place, place_table = environment.on_table(place)
     return ExpertAction(PickPlace(pick, place, pick_table, place_table), goal.grasp_symmetry, symmetry)
 
 

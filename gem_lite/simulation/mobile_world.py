@@ -1,8 +1,8 @@
-"""Several tables and a mobile base that drives between them, looks at their tags and reaches over them.
+"""Several tables and a mobile base that drives between them, looks at their tags and works on them.
 
-The base stands in for Spot (A.12): a box on four legs with a camera on a mast, only seen, never touched; its
-arm is the floating tool of `effectors`. What the robot believes (where its camera sits) and what is true differ
-by the errors of `RobotBody`. All that it is told to do, it does in the frame of its own base.
+The base replaces Spot (A.12). It is a box on four legs with a camera on a mast. It is visible, but nothing can touch
+it. Its arm is the floating tool of `effectors`. The true pose of its camera differs from the pose that the robot
+assumes by the errors of `RobotBody`. The robot carries out every action in the frame of its own base.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from gem_lite.rgbd.camera import Camera, View, as_pose, looking
+from gem_lite.rgbd.camera import Camera, View, as_pose, camera_looking_at
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation import tag_plates
@@ -31,39 +31,40 @@ from gem_lite.simulation.worlds import HOME as HOME_STYLE
 from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
 
 TABLE_HEIGHT = 0.7
-"""Heights are measured from the tables' tops: the floor lies so far (m) below."""
+"""Height (m) of the tables' tops above the floor. All heights are measured from the tables' tops."""
 FLANGE = 0.2
 """Width (m) of the board along each table's front edge (x_max) that carries its tag."""
 STAND = 0.55
-"""Distance (m) of the base from the front edge when it works at a table."""
+"""Distance (m) of the base from a table's front edge when it works there."""
 CARRY = Pose2(-0.2, 0.0)
-"""Where the tool waits in the base's frame while the base drives: behind the mast, out of its camera's sight."""
+"""The pose of the tool in the base's frame while the base drives: behind the mast, where its camera does not see it."""
 HOME = Pose2(1.5, -2.0, math.pi)
-"""Where the base waits, in the first table's frame: out of the sight of the tables' cameras."""
-BODY_COLOR, LEG_COLOR = (0.85, 0.68, 0.12, 1.0), (0.15, 0.15, 0.16, 1.0)
+"""The pose where the base waits, in the first table's frame. The tables' cameras do not see it there."""
+BODY_COLOR = (0.85, 0.68, 0.12, 1.0)
+LEG_COLOR = (0.15, 0.15, 0.16, 1.0)
 
 
 def mast_camera(height: float = 0.6, pitch: float = math.radians(50)) -> Camera:
-    """The body camera in the base's frame (x forward, y left, z up from the tables' tops), looking down ahead.
+    """The body camera in the base's frame (x forward, y left, z up from the tables' tops). It looks ahead and down.
 
     Args:
         height: metres above the tables' tops.
         pitch: radians below the horizon.
     """
-    level = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # camera axes of a level look along +x
+    level = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # the axes of a level camera that looks along +x
     turn = Rotation.from_euler("y", pitch) * level
     return Camera.pinhole("body", (0.1, 0.0, height), turn.as_quat())
 
 
 @dataclass(frozen=True)
 class RobotBody:
-    """The robot's body: what it believes of its camera, and by how much that is wrong.
+    """The robot's body and its errors.
 
     Attributes:
-        camera: where the robot believes its camera to be, in the base's frame.
-        camera_offset: the calibration's error: the true camera is moved so in the base's frame.
+        camera: the camera as the robot assumes it, in the base's frame.
+        camera_offset: the error of the camera's calibration: the true camera is moved by it in the base's frame.
         camera_noise: standard deviation of each pixel's value (0-255).
-        odometry: standard deviation (m, radians) of where the base stops.
+        odometry: standard deviation (m, radians) of the place where the base stops.
     """
 
     camera: Camera = field(default_factory=mast_camera)
@@ -80,18 +81,18 @@ def side_by_side(count: int, gap: float = 0.4, length: float = 1.06) -> tuple[Po
 class MobileWorld(Environment):
     """Several tables, each with three cameras and a tag, and the base.
 
-    Table i carries the tag with number i. A table's frame is that of a `World` with this table alone. A task that
-    is made for one table lies on the first; object-sorting is spread over all.
+    Table i has the tag with number i. A table's frame is the same as in a `World` with this table alone. A task for
+    one table uses the first table; object-sorting uses all tables.
 
     Args:
-        tables: where the tables' frames are in the world. The first is the world's frame.
+        tables: the poses of the tables' frames in the world. The first is the world's frame.
         body: the robot's body and its errors.
-        find: drives the robot to a table and says where the table's frame is in the base's. `step` raises what it
-            raises (`localise`: LocalisationError), and an episode ends there. It may be set between episodes.
-        style: how scenes look and lie.
+        find: drives the robot to a table and returns the table's pose in the base's frame. It may be set between
+            episodes. Its error (`localise`: LocalisationError) ends the `step` and the episode.
+        style: the looks and the layout of the scenes.
 
     Raises:
-        ValueError: no table, or the first one elsewhere.
+        ValueError: there is no table, or the first table's frame is not the world's.
     """
 
     def __init__(
@@ -108,8 +109,8 @@ class MobileWorld(Environment):
         self.find = find
         self.tags = tuple(range(len(self.tables)))
         self.base = self.tables[0] @ HOME
-        over = self.base @ CARRY
-        self.parked = (over.x, over.y, CLEARANCE)
+        tool = self.base @ CARRY
+        self.parked = (tool.x, tool.y, CLEARANCE)
 
     @override
     def furnish(self) -> None:
@@ -141,47 +142,50 @@ class MobileWorld(Environment):
         cameras = cameras_around(self.workspace)
         light = self.style.light
         return tuple(
-            Observation(tuple(take(self.client, camera, table, light) for camera in cameras)) for table in self.tables
+            Observation(tuple(take_picture(self.client, camera, table, light) for camera in cameras))
+            for table in self.tables
         )
 
     @override
     def reach(self, table: int) -> Pose2:
-        """Drive to a table and find it, see `find`. Raises what that raises."""
+        """Drive to a table and find its pose with `find`. Raises the errors of `find`."""
         return self.find(self, table)
 
     def photograph(self) -> np.ndarray:
-        """(H, W, 3) uint8: tables and robot from outside, for figures."""
+        """(H, W, 3) uint8: a picture of tables and robot, for figures."""
         middles = [table @ Pose2(self.workspace.x_max, 0.0) for table in self.tables]
-        x, y = np.mean([(at.x, at.y) for at in middles], axis=0)
-        away = 1.2 + max(np.hypot(at.x - x, at.y - y) for at in middles)
-        camera = looking("outside", (x - away, y + 0.85 * away, 0.65 * away), (x, y - 0.22 * away, -0.45))
+        x, y = np.mean([(middle.x, middle.y) for middle in middles], axis=0)
+        distance = 1.2 + max(np.hypot(middle.x - x, middle.y - y) for middle in middles)
+        position = (x - distance, y + 0.85 * distance, 0.65 * distance)
+        camera = camera_looking_at("outside", position, (x, y - 0.22 * distance, -0.45))
         return render(self.client, camera, self.style.light)[0].rgb
 
     def drive(self, table: int, sideways: float = 0.0) -> None:
-        """Bring the base before a table, as near to where it is meant to stop as its odometry allows.
+        """Drive the base to a table. Its odometry decides how far from the planned pose it stops.
 
-        What the tool holds comes along.
+        The tool and the held body move with the base.
 
         Args:
             sideways: metres along the table's front edge.
 
         Raises:
-            IndexError: no such table.
+            IndexError: there is no such table.
         """
-        w, (shift, turn) = self.workspace, self.body.odometry
-        meant = Pose2(w.x_max + STAND, (w.y_min + w.y_max) / 2 + sideways, math.pi)
-        missed = Pose2(*self._rng.normal(0, shift, 2), self._rng.normal(0, turn))
-        self._move_base(self.tables[table] @ meant @ missed)
+        w = self.workspace
+        shift, turn = self.body.odometry
+        planned = Pose2(w.x_max + STAND, (w.y_min + w.y_max) / 2 + sideways, math.pi)
+        error = Pose2(*self._rng.normal(0, shift, 2), self._rng.normal(0, turn))
+        self._move_base(self.tables[table] @ planned @ error)
         self.effector.carry(self.base @ CARRY)
 
     def look(self) -> View:
-        """What the body camera sees, in the base's frame and as if the camera were where the robot believes."""
-        view = take(self.client, self.body.camera, self.base @ self.body.camera_offset, self.style.light)
+        """The view of the body camera, in the base's frame. It carries the camera's assumed pose, not the true one."""
+        view = take_picture(self.client, self.body.camera, self.base @ self.body.camera_offset, self.style.light)
         noise = self._rng.normal(0, self.body.camera_noise, view.rgb.shape) if self.body.camera_noise else 0
         return replace(view, rgb=np.clip(np.round(view.rgb + noise), 0, 255).astype(np.uint8))
 
     def true_table(self, table: int) -> Pose2:
-        """A table's frame in the base's, from the simulator's truth: for comparisons, no robot knows it."""
+        """The true pose of a table in the base's frame, for comparisons: no robot knows it."""
         return self.base.inverse() @ self.tables[table]
 
     @override
@@ -191,31 +195,33 @@ class MobileWorld(Environment):
 
     def _move_base(self, pose: Pose2) -> None:
         self.base = pose
-        at, turn = (pose.x, pose.y, 0.0), quaternion(pose.yaw)
-        p.resetBasePositionAndOrientation(self._base, at, turn, physicsClientId=self.client)
+        position = (pose.x, pose.y, 0.0)
+        p.resetBasePositionAndOrientation(self._base, position, quaternion(pose.yaw), physicsClientId=self.client)
 
 
-def placed(camera: Camera, frame: Pose2) -> Camera:
-    """A camera given in a frame that lies at ``frame`` in the world, as the world sees it."""
+def camera_in_world(camera: Camera, frame: Pose2) -> Camera:
+    """A camera in the world's frame, from its pose in another frame, which lies at ``frame`` in the world."""
     x, y, z = camera.position
-    at = frame @ Pose2(x, y)
-    turn = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
-    return replace(camera, pose=as_pose(turn, (at.x, at.y, z)))
+    position = frame @ Pose2(x, y)
+    rotation = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
+    return replace(camera, pose=as_pose(rotation, (position.x, position.y, z)))
 
 
-def take(client: int, camera: Camera, frame: Pose2, light: Light = LIGHT) -> View:
-    """A picture by a camera given in a frame; its view is in that frame, too."""
-    view, _ = render(client, placed(camera, frame), light)
+def take_picture(client: int, camera: Camera, frame: Pose2, light: Light = LIGHT) -> View:
+    """The view of a camera whose pose is given in ``frame``. The view is in that frame, too."""
+    view, _ = render(client, camera_in_world(camera, frame), light)
     return replace(view, camera=camera)
 
 
 def add_base(client: int, camera: Camera) -> int:
-    """The robot's body in the base's frame, to be seen only; returns its id."""
+    """Add the robot's visible body, in the base's frame. Returns its id."""
     top = camera.position[2]
     trunk = [((-0.50, -0.14, -0.36), (0.34, 0.14, -0.20))]
     dark = [((-0.06, -0.02, -0.20), (-0.02, 0.02, top)), ((-0.06, -0.09, top - 0.03), (0.03, 0.09, top + 0.03))]
     for x in (-0.44, 0.28):
         dark += [((x - 0.03, y - 0.03, -TABLE_HEIGHT), (x + 0.03, y + 0.03, -0.36)) for y in (-0.16, 0.16)]
-    meshes = [trimesh.util.concatenate([trimesh.creation.box(bounds=one) for one in boxes]) for boxes in (trunk, dark)]
-    visuals = [create_visual(client, mesh, c, 0.0) for mesh, c in zip(meshes, (BODY_COLOR, LEG_COLOR), strict=True)]
+    visuals = []
+    for boxes, color in ((trunk, BODY_COLOR), (dark, LEG_COLOR)):
+        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=bounds) for bounds in boxes])
+        visuals.append(create_visual(client, mesh, color, 0.0))
     return create_compound(client, -1, visuals, ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 0.0)

@@ -1,7 +1,7 @@
-"""Everyday objects with named parts, made of a few trimesh solids each: a mug has a handle, a hammer a head.
+"""Everyday objects with named parts: a mug has a handle, a hammer has a head. Each is made of a few trimesh solids.
 
-An object comes in endless variants, which differ in their proportions. The embedded CLIP was trained on
-`TRAINING_VARIANTS`; tests use others. Lengths are in metres; an object lies along x, on z = 0, and is at
+An object has any number of variants, which differ in their proportions. The embedded CLIP was trained on
+`TRAINING_VARIANTS`; tests use others. Lengths are in metres. An object lies along x, on z = 0, and is at
 most about 0.11 m long.
 """
 
@@ -19,7 +19,7 @@ from gem_lite.simulation.shapes import Body, create_compound, triangles
 from gem_lite.simulation.solids import RGBA, Maker, Part
 
 TRAINING_VARIANTS = 12
-"""Variants 0 .. 11 trained the embedded CLIP; it never saw a later one."""
+"""The embedded CLIP was trained on the variants 0 .. 11 and on no others."""
 
 _MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS
 NAMES: tuple[str, ...] = (
@@ -28,7 +28,7 @@ NAMES: tuple[str, ...] = (
     "dumbbell", "hat", "glasses", "pear", "carrot", "lollipop", "pencil", "mushroom", "wine glass", "chair",
     "sailboat", "lamp",
 )  # fmt: skip
-"""An object's variants depend on its place in this list: new names go to its end."""
+"""New names must go to the end of this list, because an object's variants depend on its place in it."""
 
 
 @cache
@@ -37,22 +37,22 @@ def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
 
     Args:
         name: one of `NAMES`.
-        variant: which proportions, at least 0; see `TRAINING_VARIANTS`.
+        variant: the number of the variant, at least 0; see `TRAINING_VARIANTS`.
 
     Raises:
-        ValueError: an unknown name or a negative variant.
+        ValueError: the name is unknown, or the variant is negative.
     """
     if name not in _MAKERS:
         raise ValueError(f"no object is named {name!r}; the names are {', '.join(NAMES)}")
     if variant < 0:
         raise ValueError(f"variant must be at least 0, got {variant}")
     rng = np.random.default_rng((NAMES.index(name), variant))
-    found = _MAKERS[name](lambda: float(rng.uniform(0.82, 1.18)))
-    low, high = trimesh.util.concatenate([part.mesh for part in found]).bounds
+    pieces = _MAKERS[name](lambda: float(rng.uniform(0.82, 1.18)))
+    low, high = trimesh.util.concatenate([part.mesh for part in pieces]).bounds
     shift = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
-    for part in found:
+    for part in pieces:
         part.mesh.apply_translation(shift)
-    return tuple(found)
+    return tuple(pieces)
 
 
 def part_names(name: str) -> tuple[str, ...]:
@@ -61,9 +61,9 @@ def part_names(name: str) -> tuple[str, ...]:
 
 
 def add_object(client: int, name: str, color: RGBA, pose: Pose2, variant: int = 0, movable: bool = True) -> Body:
-    """Put an object on the table. Part i is the body's link i - 1 (the first one its base).
+    """Put an object on the table. The first part is the body's base; part i is its link i - 1.
 
-    Its contact shape is the convex hull of the whole.
+    Its contact shape is the convex hull of all parts.
     """
     pieces = parts(name, variant)
     whole = trimesh.util.concatenate([part.mesh for part in pieces])

@@ -1,4 +1,4 @@
-"""Pictures of a PyBullet world: CLIPort's three cameras, a lamp, and the true bodies from above for scoring."""
+"""Pictures of a PyBullet world: CLIPort's three cameras, the lamp, and the true bodies from above for scoring."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gem_lite.rgbd.camera import Camera, View, as_pose
 from gem_lite.se2 import Workspace
 
 RENDERED_CORNER = (-0.5, 0.5)
-"""TinyRenderer sees through a pixel's lower left corner: that far (x, y pixels) from the pixel's centre."""
+"""TinyRenderer looks through the lower left corner of a pixel: its offset (x, y pixels) from the pixel's centre."""
 CAMERAS: tuple[Camera, ...] = (
     Camera.pinhole("front", (1.0, 0.0, 0.75), (0.6533, 0.6533, -0.2706, -0.2706)),
     Camera.pinhole("left", (0.0, 0.5, 0.75), (-0.3596, 0.8682, -0.3160, 0.1309)),
@@ -21,10 +21,13 @@ CAMERAS: tuple[Camera, ...] = (
 
 
 def cameras_around(workspace: Workspace) -> tuple[Camera, ...]:
-    """`CAMERAS`, drawn nearer or farther with the table's length (CLIPort's is 1 m long)."""
+    """`CAMERAS`, with distances scaled by the table's length (CLIPort's table is 1 m long)."""
     middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2, 0.0])
-    placed = [middle + workspace.length * (camera.position - (0.5, 0.0, 0.0)) for camera in CAMERAS]
-    return tuple(replace(c, pose=as_pose(c.rotation, at)) for c, at in zip(CAMERAS, placed, strict=True))
+    positions = [middle + workspace.length * (camera.position - (0.5, 0.0, 0.0)) for camera in CAMERAS]
+    return tuple(
+        replace(camera, pose=as_pose(camera.rotation, position))
+        for camera, position in zip(CAMERAS, positions, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class Light:
     Attributes:
         direction: towards the lamp (x, y, z), of any length.
         color: (red, green, blue) in [0, 1].
-        ambient, diffuse: how strongly it lights what faces away and what faces it; TinyRenderer adds both.
+        ambient: brightness of all surfaces.
+        diffuse: brightness that is added to surfaces that face the lamp.
         shadow: whether bodies cast shadows.
     """
 
@@ -46,7 +50,7 @@ class Light:
 
 
 LIGHT = Light()
-"""The lamp of every world where nothing else is said."""
+"""The default lamp of a world."""
 
 
 def render(
@@ -55,11 +59,12 @@ def render(
     """Take a picture of a PyBullet world.
 
     Returns:
-        The view, and with ``segmentation`` the (H, W) body id of each pixel (-1: none), plus
+        The view; and with ``segmentation`` the (H, W) body id of each pixel (-1: no body), plus
         (link + 1) << 24 on a body's links. Segmentation is for training CLIP and for tests; no policy
-        sees it.
+        gets it.
     """
-    forward, up = camera.rotation[:, 2], -camera.rotation[:, 1]
+    forward = camera.rotation[:, 2]
+    up = -camera.rotation[:, 1]
     eye = camera.position
     height, width = camera.size
     _, _, rgba, buffer, ids = p.getCameraImage(
@@ -77,35 +82,41 @@ def render(
         physicsClientId=client,
     )
     rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3].copy()
-    b = np.asarray(buffer, np.float32).reshape(height, width)
-    near, far = camera.near, camera.far
-    depth = (near * far / (far - b * (far - near))).astype(np.float32)
+    buffer = np.asarray(buffer, np.float32).reshape(height, width)
+    near = camera.near
+    far = camera.far
+    depth = (near * far / (far - buffer * (far - near))).astype(np.float32)
     masks = np.asarray(ids).reshape(height, width) if segmentation else None
     return View(camera, rgb, depth), masks
 
 
 def projection(camera: Camera) -> list[float]:
-    """OpenGL's projection matrix (16 numbers) with which TinyRenderer draws what ``camera.intrinsics`` describe."""
+    """The OpenGL projection matrix (16 numbers) that makes TinyRenderer use ``camera.intrinsics``."""
     height, width = camera.size
     (focal_x, _, x), (_, focal_y, y), _ = camera.intrinsics
-    # Each pixel is drawn as seen through its corner, so the picture moves until that is the centre's ray.
-    x, y = x + RENDERED_CORNER[0], y + RENDERED_CORNER[1]
-    left, right = -x / focal_x * camera.near, (width - x) / focal_x * camera.near
-    bottom, top = (y - height) / focal_y * camera.near, y / focal_y * camera.near
+    # TinyRenderer looks through the corner of each pixel. This shift makes it look through the centre.
+    x += RENDERED_CORNER[0]
+    y += RENDERED_CORNER[1]
+    left = -x / focal_x * camera.near
+    right = (width - x) / focal_x * camera.near
+    bottom = (y - height) / focal_y * camera.near
+    top = y / focal_y * camera.near
     return p.computeProjectionMatrix(left, right, bottom, top, camera.near, camera.far)
 
 
 def bodies_from_above(client: int, workspace: Workspace) -> np.ndarray:
-    """Which body lies on top in each cell of a height map: for scoring and tests, no policy sees it.
+    """The topmost body in each cell of a height map: for scoring and tests; no policy gets it.
 
     Returns:
-        (H, W) body ids (-1: none), each taken at the centre of its cell.
+        (H, W) body ids (-1: no body) at the centres of the cells.
     """
-    # So far up, a block's top moves by less than half a millimetre; and TinyRenderer is not reliable with an
-    # orthographic projection (it loses parts of bowls).
-    w, height = workspace, 50.0
-    x, y = (w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2
-    near, far = height - w.z_max, height + 1
-    camera = Camera.pinhole("above", (x, y, height), (1.0, 0.0, 0.0, 0.0), w.shape, height / w.pixel, near, far)
+    # A camera 50 m above the table moves the top of a block by less than half a millimetre. An orthographic projection
+    # would be exact, but with it TinyRenderer loses parts of bowls.
+    w = workspace
+    height = 50.0
+    position = ((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2, height)
+    near = height - w.z_max
+    far = height + 1
+    camera = Camera.pinhole("above", position, (1.0, 0.0, 0.0, 0.0), w.shape, height / w.pixel, near, far)
     ids = render(client, camera, segmentation=True)[1]
-    return np.where(ids < 0, ids, ids & 0xFFFFFF)  # without the link's bits
+    return np.where(ids < 0, ids, ids & 0xFFFFFF)  # without the bits of the link

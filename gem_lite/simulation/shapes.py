@@ -21,15 +21,16 @@ from shapely.ops import unary_union
 from gem_lite.se2 import Pose2, quaternion
 
 BLOCK_SIZE = 0.04
-PIECE_SIZE, PIECE_HEIGHT = 0.06, 0.02
+PIECE_SIZE = 0.06
+PIECE_HEIGHT = 0.02
 
 
 @dataclass(frozen=True)
 class BowlProfile:
     """The outline of a bowl in metres: outer radii at rim and base, height, thickness of wall and floor.
 
-    ``bend`` shapes the wall: at the share s of the height, the wall has come the share s**bend of the way from
-    base to rim. At 1 it is straight, below 1 it is round.
+    ``bend`` shapes the wall. At the share s of the height, the radius is base + (rim - base) * s**bend. The wall is
+    straight if bend is 1, and round if it is less.
     """
 
     rim: float = 0.058
@@ -41,12 +42,12 @@ class BowlProfile:
 
 
 BOWL = BowlProfile()
-"""The bowl of every task where nothing else is said."""
+"""The default bowl."""
 
 
 @cache
 def bowl_mesh(profile: BowlProfile = BOWL) -> trimesh.Trimesh:
-    """An open bowl that is round about z."""
+    """An open bowl, round about the z axis."""
     share = np.linspace(0, 1, 2 if profile.bend == 1 else 9)
     radius = profile.base + (profile.rim - profile.base) * share**profile.bend
     outer = np.stack([radius, share * profile.height], axis=1)
@@ -165,9 +166,9 @@ def basic_mesh(name: str) -> trimesh.Trimesh:
 
 @cache
 def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
-    """An L of two arms, the corner at the lower left: unlike any of its own turns.
+    """An L of two arms with its corner at the lower left. No turn but a full one leaves it unchanged.
 
-    Its arms are equally long, so it is its own mirror image across its diagonal.
+    Its arms are equally long, so its mirror image across its diagonal is the same L.
     """
     shape = unary_union([box(0, 0, size, arm), box(0, 0, arm, size)])
     mesh = trimesh.creation.extrude_polygon(shape, height)
@@ -186,9 +187,9 @@ class Body:
 
 @lru_cache(maxsize=256)
 def triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
-    """A mesh as PyBullet takes it, with flat shading: every triangle brings its own corners and normal.
+    """A mesh in PyBullet's form, with flat shading: every triangle has its own corners and normal.
 
-    Cached, since turning arrays into lists would be most of the time of laying out a scene.
+    The result is cached: converting arrays to lists would take most of the time of laying out a scene.
     """
     corners = mesh.triangles.reshape(-1, 3) - [0, 0, lower]
     return {
@@ -207,7 +208,7 @@ def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], 
 def create_compound(
     client: int, collision: int, visuals: Sequence[int], place: tuple[Sequence[float], Sequence[float]], mass: float
 ) -> int:
-    """One rigid body that is seen as several shapes in one frame: the first its base, the others its links.
+    """One rigid body with several visual shapes in one frame. The first shape is its base, the others are its links.
 
     Args:
         place: position (m) and quaternion.
@@ -277,7 +278,7 @@ def add_mesh(
 
 
 def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
-    """The L-block of `l_block_mesh`, made of two boxes, so that its notch is open to contact."""
+    """The L-block of `l_block_mesh`. Its contact shape is two boxes, so other bodies can enter its notch."""
     half = [[0.05, 0.02, 0.02], [0.02, 0.03, 0.02]]
     centres = [[0, -0.03, 0], [-0.03, 0.02, 0]]
     collision = p.createCollisionShapeArray(
@@ -291,7 +292,7 @@ def add_bowl(
 ) -> Body:  # fmt: skip
     """A bowl that really holds things: 15 slanted wall boxes and a floor.
 
-    PyBullet keeps at most 16 shapes a body and drops the others without a word.
+    PyBullet keeps at most 16 shapes for each body and drops the others without a warning.
     """
     sides = 15
     slant = np.arctan2(profile.rim - profile.base, profile.height)

@@ -1,4 +1,4 @@
-"""Simple solids, and what an everyday object is made of: parts with names. Lengths are in metres."""
+"""Simple solids, and the named parts of everyday objects. Lengths are in metres."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WOOD: RGBA = (0.50, 0.36, 0.25, 1.0)
 
 @dataclass(frozen=True)
 class Part:
-    """One part: its ``name`` ("" for what has none), its mesh, and its own RGBA (None: the object's colour)."""
+    """One part: its ``name`` ("" if it has none), its mesh, and its own RGBA (None: the object's colour)."""
 
     name: str
     mesh: Trimesh
@@ -28,13 +28,13 @@ class Part:
 
 
 Vary = Callable[[], float]
-"""A factor near 1 that differs from variant to variant."""
+"""Returns a random factor near 1. The factors differ from variant to variant."""
 Maker = Callable[[Vary], list[Part]]
 """Makes the parts of one variant of an object."""
 
 
 def bar(x0: float, x1: float, width: float, z0: float, z1: float, y: float = 0.0) -> Trimesh:
-    """A box along x, its middle at ``y``."""
+    """A box along x with its middle at ``y``."""
     return trimesh.creation.box(bounds=[[x0, y - width / 2, z0], [x1, y + width / 2, z1]])
 
 
@@ -52,7 +52,7 @@ def ball(centre: tuple, radii: float | tuple) -> Trimesh:
 
 
 def slab(outline: Polygon, z0: float, z1: float) -> Trimesh:
-    """An outline, or several, extruded from one height to another."""
+    """One or several outlines, extruded from the height z0 to z1."""
     return trimesh.util.concatenate(
         [
             trimesh.creation.extrude_polygon(piece, z1 - z0).apply_translation([0, 0, z0])
@@ -70,10 +70,10 @@ def turned(profile: list, lying: bool = False) -> Trimesh:
 
 
 def tube(points: np.ndarray, radius: float | np.ndarray) -> Trimesh:
-    """Rods along (N, 3) points, with one radius or one a point."""
+    """Rods along (N, 3) points, with one radius for all points or one for each."""
     radii = np.broadcast_to(radius, len(points))
-    rods = [rod(a, b, (r + s) / 2) for a, b, r, s in zip(points, points[1:], radii, radii[1:], strict=False)]
-    return trimesh.util.concatenate(rods)
+    ends = zip(points, points[1:], radii, radii[1:], strict=False)
+    return trimesh.util.concatenate([rod(start, end, (first + second) / 2) for start, end, first, second in ends])
 
 
 def arc(radius: float, start: float, stop: float, centre: tuple, upright: bool = False, count: int = 9) -> np.ndarray:
@@ -84,6 +84,6 @@ def arc(radius: float, start: float, stop: float, centre: tuple, upright: bool =
 
 
 def disc(x: float, y: float, radius: float, hole: float = 0.0) -> Polygon:
-    """A circle's outline, with a round hole."""
-    disc = Point(x, y).buffer(radius, 12)
-    return disc.difference(Point(x, y).buffer(hole, 12)) if hole else disc
+    """The outline of a circle. With ``hole``, the radius of a round hole, it is a ring."""
+    circle = Point(x, y).buffer(radius, 12)
+    return circle.difference(Point(x, y).buffer(hole, 12)) if hole else circle

@@ -1,4 +1,4 @@
-"""Boxes told apart by the symbol on their floor: recycle, gear, smiley and others."""
+"""Boxes that differ in the symbol on their floor: recycle, gear, smiley and others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ BOX_SIDE = 0.15
 """Length and width (m) of a symbol box between the middles of its walls."""
 BOX_RADIUS = BOX_SIDE / np.sqrt(2) + WALL
 SYMBOL_SIDE = 0.12
-WALLS, PAPER, INK = (0.20, 0.33, 0.52, 1.0), (0.92, 0.92, 0.90, 1.0), (0.06, 0.06, 0.07, 1.0)
+WALLS = (0.20, 0.33, 0.52, 1.0)
+PAPER = (0.92, 0.92, 0.90, 1.0)
+INK = (0.06, 0.06, 0.07, 1.0)
+"""RGBA of the walls, the floor and the symbol."""
 
 
 def _arc(start: float, end: float, inner: float, outer: float) -> Polygon:
@@ -70,7 +73,7 @@ def symbol_outline(symbol: str) -> Polygon:
     """A symbol (metres, centred), upright along +y, at most `SYMBOL_SIDE` wide and tall.
 
     Raises:
-        ValueError: no such symbol.
+        ValueError: the symbol is unknown.
     """
     if symbol not in SYMBOLS:
         raise ValueError(f"symbol must be one of {', '.join(SYMBOLS)}, got {symbol!r}")
@@ -83,8 +86,9 @@ def symbol_outline(symbol: str) -> Polygon:
 
 @cache
 def _sheets(symbol: str) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
-    """The paper with the symbol cut out of it, and the symbol: side by side, no face hides another."""
-    ink, half = symbol_outline(symbol), BOX_SIDE / 2 - WALL
+    """The paper without the area of the symbol, and the symbol. They do not overlap, so both are visible."""
+    ink = symbol_outline(symbol)
+    half = BOX_SIDE / 2 - WALL
     paper = box(-half, -half, half, half).difference(ink)
     sheets = []
     for area in (paper, ink):
@@ -94,12 +98,13 @@ def _sheets(symbol: str) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
 
 
 def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
-    """A fixed box, open on top, with a black symbol on its white floor; all boxes are alike but for that.
+    """A fixed box, open on top, with a black symbol on its white floor. Boxes differ in the symbol only.
 
     Raises:
-        ValueError: no such symbol.
+        ValueError: the symbol is unknown.
     """
-    boxes, lower = container_boxes((BOX_SIDE, BOX_SIDE)), CONTAINER_HEIGHT / 2
+    boxes = container_boxes((BOX_SIDE, BOX_SIDE))
+    lower = CONTAINER_HEIGHT / 2
     bounds = np.array(boxes, float)  # (N, 2, 3)
     collision = p.createCollisionShapeArray(
         [p.GEOM_BOX] * len(boxes),
@@ -107,7 +112,7 @@ def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
         collisionFramePositions=(bounds.mean(axis=1) - [0, 0, lower]).tolist(),
         physicsClientId=client,
     )
-    walls = trimesh.util.concatenate([trimesh.creation.box(bounds=one) for one in bounds])
+    walls = trimesh.util.concatenate([trimesh.creation.box(bounds=box_bounds) for box_bounds in bounds])
     colored = zip((walls, *_sheets(symbol)), (WALLS, PAPER, INK), strict=True)
     visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
     body = create_compound(client, collision, visuals, ((pose.x, pose.y, lower), quaternion(pose.yaw)), 0.0)

@@ -1,4 +1,4 @@
-"""AprilTags as bodies: plates of boxes, white and black."""
+"""AprilTags as bodies: plates with a white and a black part."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ import trimesh
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
-from gem_lite.rgbd.tags import CELLS, COUNT, DICTIONARY, TAG_SIDE
+from gem_lite.rgbd.tags import DICTIONARY, SQUARES, TAG_COUNT, TAG_SIDE
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.shapes import create_body, create_visual
 
-PLATE = TAG_SIDE * (CELLS + 2) / CELLS
+PLATE = TAG_SIDE * (SQUARES + 2) / SQUARES
+"""Length (m) of the side of a plate: a tag and its white margin."""
 WHITE, BLACK = (0.95, 0.95, 0.95, 1.0), (0.05, 0.05, 0.05, 1.0)
 
 
 @cache
 def _meshes(number: int) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
-    """The white and the black part of a tag's plate, 1 mm thick: side by side, since textures are not smoothed."""
-    bitmap, cell = cv2.aruco.generateImageMarker(DICTIONARY, number, CELLS), TAG_SIDE / CELLS
+    """The white and the black part of a tag's plate, 1 mm thick. Meshes replace textures, which are not smoothed."""
+    bitmap = cv2.aruco.generateImageMarker(DICTIONARY, number, SQUARES)
+    side = TAG_SIDE / SQUARES
     rows, cols = np.nonzero(bitmap == 0)
-    x, y = -TAG_SIDE / 2 + cols * cell, TAG_SIDE / 2 - rows * cell
-    black = unary_union([box(left, top - cell, left + cell, top) for left, top in zip(x, y, strict=True)])
+    x = -TAG_SIDE / 2 + cols * side
+    y = TAG_SIDE / 2 - rows * side
+    black = unary_union([box(left, top - side, left + side, top) for left, top in zip(x, y, strict=True)])
     white = box(-PLATE / 2, -PLATE / 2, PLATE / 2, PLATE / 2).difference(black)
     return _slab(white), _slab(black)
 
@@ -35,12 +38,12 @@ def _slab(area: Polygon) -> trimesh.Trimesh:
 
 
 def add_tag(client: int, number: int, pose: Pose2) -> None:
-    """Lay a tag flat at a height of 0, its face up.
+    """Put a tag flat on the height 0, with its face up.
 
     Raises:
         ValueError: no tag has that number.
     """
-    if not 0 <= number < COUNT:
-        raise ValueError(f"number must be in [0, {COUNT}), got {number}")
+    if not 0 <= number < TAG_COUNT:
+        raise ValueError(f"number must be in [0, {TAG_COUNT}), got {number}")
     for mesh, color in zip(_meshes(number), (WHITE, BLACK), strict=True):
         create_body(client, -1, create_visual(client, mesh, color, 0.001), pose, 0.0, 0.0, False)

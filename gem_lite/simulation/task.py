@@ -1,4 +1,4 @@
-"""What every task offers to an environment; most of it follows from the task's goals."""
+"""The base of all tasks. Sentence, score and expert follow from the goals of a task."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ Split = Literal["train", "val", "test"]
 
 
 class Task(ABC):
-    """One family's scenes; sentence, score and expert follow from their goals.
+    """A family of tasks: it lays out scenes and sets their goals.
 
-    The goals are reached one after the other. One that is reached after an action counts for good, and the next
-    sentence follows; one that is not stays, until `max_steps` actions are taken.
+    The goals follow one another. After each action, a goal that is reached is done for the rest of the episode, and the
+    next sentence follows. A goal that is not reached stays. The episode ends after `max_steps` actions.
 
-    A family writes `lay_out`, and overrides only what is special to it.
+    A family defines `lay_out`. It overrides other methods only if its rules differ.
 
     Attributes:
-        workspace: the table that the task is made for.
-        effector: the name of its tool, see `effectors`.
-        max_steps: actions after which an episode ends.
-        goals: the present episode's; none before `reset`.
-        named_colors: the palette's colours that the sentences name.
-        names: what each body is, such as "red block", by its id: for scoring maps alone, no policy sees it.
-        unseen: whether its words come from the unseen sets.
+        workspace: the area of the task's table.
+        effector: the name of the tool, see `effectors`.
+        max_steps: the number of actions after which an episode ends.
+        goals: the goals of the present episode; empty before `reset`.
+        named_colors: the colours that the sentences name.
+        names: the name of each body, such as "red block", by its id: for scoring maps; no policy gets it.
+        unseen: whether colours, shapes and objects come from the unseen sets.
 
     Args:
-        split: of the episodes.
-        unseen: whether words come from the unseen sets in validation and test; in training they never do.
+        split: the split of the episodes.
+        unseen: whether the unseen sets are used in validation and test. They are never used in training.
     """
 
     workspace: ClassVar[Workspace] = Workspace()
@@ -54,7 +54,7 @@ class Task(ABC):
         self._reached = 0
 
     def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:
-        """Lay out an episode: see `lay_out`."""
+        """Lay out an episode with `lay_out`."""
         self.names = {}
         self._reached = 0
         self.goals = tuple(self.lay_out(environment, rng, seed))
@@ -64,24 +64,29 @@ class Task(ABC):
         """Put the bodies of an episode on the tables and name them in `names`.
 
         Args:
-            environment: empty but for its tables.
-            rng: what is random comes from it.
-            seed: the episode's, for a family that goes through its objects in turn.
+            environment: has its tables, and no bodies on them.
+            rng: the source of all random choices.
+            seed: the seed of the episode, for a family that uses its objects in turn.
 
         Returns:
             The goals in their order, at least one.
 
         Raises:
-            TableFullError: a body that the scene needs finds no place (never seen); see `spawn`.
+            TableFullError: there is no free place for a body that the scene needs (this never happened); see `spawn`.
         """
 
     @property
     def instruction(self) -> str:
-        """What to do now: policies see nothing else of a task. The last sentence stays; none before `reset`."""
-        return self.goals[min(self._reached, len(self.goals) - 1)].sentence if self.goals else ""
+        """The present sentence: all that a policy gets from a task. After the last goal, the last sentence stays.
+
+        It is empty before `reset`.
+        """
+        if not self.goals:
+            return ""
+        return self.goals[min(self._reached, len(self.goals) - 1)].sentence
 
     def score(self, environment: Environment) -> float:
-        """The share of the job that is done, in [0, 1]."""
+        """The share of the task that is done, in [0, 1]."""
         reached = self._reached_now(environment)
         done = sum(goal.share for goal in self.goals[:reached])
         if reached < len(self.goals):
@@ -90,33 +95,34 @@ class Task(ABC):
         return done / sum(goal.share for goal in self.goals)
 
     def expert(self, environment: Environment) -> ExpertAction | None:
-        """The next action from ground truth, or None if nothing is left to do."""
+        """The next action, from ground truth, or None if all goals are reached."""
         reached = self._reached_now(environment)
         if reached == len(self.goals):
             return None
-        pushes = Push in EFFECTORS.find(self.effector).actions
-        act = goals.push if pushes else goals.pick_and_place
-        return act(environment, self.goals[reached])
+        goal = self.goals[reached]
+        if Push in EFFECTORS.find(self.effector).actions:
+            return goals.push(environment, goal)
+        return goals.pick_and_place(environment, goal)
 
     def placed(self, environment: Environment) -> set[int]:
-        """The ids of bodies that already lie where the sentences want them: whoever picks one of them undoes work."""
+        """The ids of the bodies that are already at their targets. To pick one of them is a mistake."""
         reached = self._reached_now(environment)
-        there = {body.id for goal in self.goals[:reached] for body in goal.bodies}
+        placed = {body.id for goal in self.goals[:reached] for body in goal.bodies}
         if reached < len(self.goals):
             goal = self.goals[reached]
-            there = there - {body.id for body in goal.bodies} | goal.placed(environment)
-        return there
+            placed = placed - {body.id for body in goal.bodies} | goal.placed(environment)
+        return placed
 
     def advance(self, environment: Environment) -> None:
-        """Called after every step: go on to the next goal that is open."""
+        """Called after every action: go on to the next goal that is not reached."""
         self._reached = self._reached_now(environment)
 
     def subsets(self) -> tuple[str, ...]:
-        """The sets of episodes, besides all, to which the present one belongs: each has a row of results of its own."""
+        """The names of the subsets that contain the present episode. Each subset gets its own row of results."""
         return ()
 
     def _reached_now(self, environment: Environment) -> int:
-        """How many goals are reached: those before, and from the present one on until one is open."""
+        """The number of reached goals, in their order: counting ends at the first goal that is not reached."""
         reached = self._reached
         while reached < len(self.goals) and self.goals[reached].done(environment) == 1.0:
             reached += 1

@@ -14,11 +14,11 @@ from gem_lite.simulation.shapes import Body, create_body, create_visual
 WALL = 0.002
 """Thickness (m) of walls and floors, as in CLIPort."""
 FRICTION = 0.3
-"""Lateral friction of trays, as in CLIPort: what lands on an edge slides off it."""
+"""Lateral friction of trays, as in CLIPort: a body that lands on an edge slides off it."""
 CONTAINER_HEIGHT = 0.05
 FIXTURE_HEIGHT = 0.02
 FIXTURE_CLEARANCE = 0.007
-"""Gap (m) all round an L-block in its fixture: an L that is put 10 mm or 15 degrees off hardly ever goes in."""
+"""Gap (m) round an L-block in its fixture. With an error of 10 mm or 15 degrees, the L rarely fits in."""
 FIXTURE_RADIUS = 0.086
 """A fixture lies within a circle of this radius (m) about its origin."""
 
@@ -35,16 +35,21 @@ def add_container(
 
 def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Bounds]:
     """The floor and the four walls of `add_container`."""
-    x, y, t, h = size[0] / 2, size[1] / 2, WALL / 2, height
-    boxes = [((-x, -y, 0), (x, y, WALL))]
-    boxes += [((s * x - t, -y - t, 0), (s * x + t, y + t, h)) for s in (-1, 1)]
-    return boxes + [((-x - t, s * y - t, 0), (x + t, s * y + t, h)) for s in (-1, 1)]
+    x = size[0] / 2
+    y = size[1] / 2
+    t = WALL / 2
+    floor = [((-x, -y, 0), (x, y, WALL))]
+    across_x = [((sign * x - t, -y - t, 0), (sign * x + t, y + t, height)) for sign in (-1, 1)]
+    across_y = [((-x - t, sign * y - t, 0), (x + t, sign * y + t, height)) for sign in (-1, 1)]
+    return floor + across_x + across_y
 
 
 def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
-    """A fixed tray round the L-block of `shapes.l_block_mesh`: the block's pose in it is the fixture's own."""
-    low, middle, high = -0.05 - FIXTURE_CLEARANCE, -0.01 + FIXTURE_CLEARANCE, 0.05 + FIXTURE_CLEARANCE
-    t, h = WALL, FIXTURE_HEIGHT
+    """A fixed tray for the L-block of `shapes.l_block_mesh`. An L-block that fits in it has the pose of the tray."""
+    low = -0.05 - FIXTURE_CLEARANCE
+    middle = -0.01 + FIXTURE_CLEARANCE
+    high = 0.05 + FIXTURE_CLEARANCE
+    t = WALL
     floor = [((low, low, 0), (high, middle, t)), ((low, middle, 0), (middle, high, t))]
     walls = [
         ((low - t, low - t), (high + t, low)),  # below the lying arm
@@ -54,7 +59,7 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
         ((low - t, high), (middle, high + t)),  # at its end
         ((low - t, low), (low, high)),  # left of it
     ]
-    return _add_boxes(client, floor + [((*a, 0), (*b, h)) for a, b in walls], color, pose)
+    return _add_boxes(client, floor + [((*lower, 0), (*upper, FIXTURE_HEIGHT)) for lower, upper in walls], color, pose)
 
 
 def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:

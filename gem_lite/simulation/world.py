@@ -12,7 +12,7 @@ from gem_lite.simulation.worlds import TABLE_COLOR
 
 
 class World(Environment):
-    """One table, its frame the world's."""
+    """One table. Its frame is the world's frame."""
 
     @override
     def furnish(self) -> None:

@@ -1,6 +1,6 @@
-"""Worlds by name: what may differ between scenes of the same task, such as light, floor, containers and spacing.
+"""Worlds by name: scenes of the same task may differ in light, floor, containers and spacing.
 
-A new world is `WorldStyle` with other values and a name of its own, and `register`.
+For a new world, make a `WorldStyle` with other values and a new name, and call `register`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
 
 @dataclass(frozen=True)
 class WorldStyle:
-    """How the scenes of a world look and lie. The defaults are the world that the tasks were written for.
+    """The looks and the layout of scenes. The defaults are the world "home", for which the tasks were written.
 
     Attributes:
-        name: how results call the world.
+        name: the world's name in results.
         floor: colour of the floor round the table.
         light: the lamp.
         bowls: profiles of bowls; each bowl gets one of them at random.
-        box_heights: a brown box's walls are as high as one of these (m), at random.
-        plates: (width, height) of the plates of a pyramid's base (m); each base gets one of them at random.
-        touching: the share of bodies that are put against another body, where it has room.
+        box_heights: heights (m) of the walls of a brown box; each box gets one of them at random.
+        plates: (width, height) (m) of the plates of a pyramid's base; each base gets one of them at random.
+        touching: the share of bodies that are put next to another body, if there is room.
         at_edge: the share of bodies that are put against the table's edge.
     """
 
@@ -48,7 +48,7 @@ TRAINING_BOWLS = (
     BowlProfile(rim=0.062, base=0.04, height=0.028, wall=0.004, floor=0.006),
     BowlProfile(rim=0.055, base=0.042, height=0.045, wall=0.008, floor=0.008),
 )
-"""Profiles of demonstrations in the worlds "varied" and "crowded"; `OTHER_BOWLS` are none of them."""
+"""Profiles of demonstrations in the worlds "varied" and "crowded". None of them is in `OTHER_BOWLS`."""
 OTHER_BOWLS = (
     BowlProfile(rim=0.06, base=0.036, height=0.04, wall=0.005, floor=0.008, bend=0.5),
     BowlProfile(rim=0.054, base=0.054, height=0.036, wall=0.003, floor=0.003),
@@ -65,14 +65,14 @@ WORLDS: Registry[WorldStyle] = Registry("world")
 
 
 def register(world: WorldStyle) -> WorldStyle:
-    """Add a world under its name, and return it. Raises ValueError if there is another one of that name."""
+    """Add a world under its name and return it. Raises ValueError if another world has this name."""
     if world.name in WORLDS.names() and style(world.name) != world:
         raise ValueError(f"world.name must be new: there is another world named {world.name!r}")
     return WORLDS.add(world.name, world)
 
 
 def style(name: str) -> WorldStyle:
-    """The world with a name. Raises ValueError with the nearest names if there is none."""
+    """The world with this name. If there is none, raises ValueError with the nearest names."""
     return WORLDS.find(name)
 
 

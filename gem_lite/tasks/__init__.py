@@ -1,4 +1,4 @@
-"""The tasks, by name, and the seeds of their episodes. A new family is one class with `register`."""
+"""The tasks by name, and the seeds of their episodes. To add a family, write a class and register it."""
 
 from gem_lite.simulation.task import Split, Task
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
@@ -14,14 +14,14 @@ from gem_lite.tasks.registry import SPLITS, family, make, names, register, varia
 __all__ = ["SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants"]
 
 SEED_START: dict[Split, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
-"""Episode i of a split has the seed SEED_START[split] + i: the ranges never meet below a million episodes."""
+"""Episode i of a split has the seed SEED_START[split] + i. The ranges of the splits do not overlap."""
 
 
 def episode_seed(split: Split, index: int) -> int:
     """The seed of episode ``index`` of a split.
 
     Raises:
-        ValueError: an unknown split, or an index outside [0, 1000000).
+        ValueError: the split is unknown, or the index is outside [0, 1000000).
     """
     if split not in SEED_START:
         raise ValueError(f"split must be one of {', '.join(SEED_START)}, got {split!r}")

@@ -1,4 +1,4 @@
-"""bars-in-box: "put the red bar in the brown box", with a jaw that grasps a bar only across it."""
+"""bars-in-box: "put the red bar in the brown box", with a jaw that can grasp a bar only across the bar."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BAR_SIZE = (0.1, 0.015, 0.02)
 BAR_RADIUS = math.hypot(*BAR_SIZE[:2]) / 2
 BARS = 4
 BOX_SIDES = (0.13, 0.16)
-"""The box's sides (m) are drawn from this range, each for itself: wide enough for a bar at any yaw."""
+"""Each side (m) of the box is drawn from this range. A bar fits in at any yaw."""
 PALETTE = tuple(name for name in colors.SEEN if name != "brown")
 
 
@@ -35,12 +35,12 @@ class BarsInBox(Task):
         free = FreeSpace(environment.workspace, rng, environment.style)
         box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
         self.names[box.id] = "brown box"
-        chosen = [str(name) for name in rng.choice(PALETTE, BARS, replace=False)]
+        bar_colors = [str(name) for name in rng.choice(PALETTE, BARS, replace=False)]
         bars = [
             environment.add(shapes.add_box(environment.client, BAR_SIZE, colors.rgba(name), free.take(BAR_RADIUS)))
-            for name in chosen
+            for name in bar_colors
         ]
-        self.names |= {bar.id: f"{color} bar" for bar, color in zip(bars, chosen, strict=True)}
-        self.named_colors = (chosen[0],)
-        # The bar lies along its own x, so the jaw's yaw is the bar's; half a turn on, it closes just the same.
-        return [Goal(f"put the {chosen[0]} bar in the brown box", (bars[0],), (box,), zone, grasp_symmetry=math.pi)]
+        self.names |= {bar.id: f"{color} bar" for bar, color in zip(bars, bar_colors, strict=True)}
+        self.named_colors = (bar_colors[0],)
+        # A bar is longest along its own x axis, so the jaw needs the bar's yaw. Half a turn more is the same grasp.
+        return [Goal(f"put the {bar_colors[0]} bar in the brown box", (bars[0],), (box,), zone, grasp_symmetry=math.pi)]

@@ -1,4 +1,4 @@
-"""block-insertion: "put the red L-block in the blue box"; the L really has to go into its fixture."""
+"""block-insertion: "put the red L-block in the blue box". The L must really fit into its fixture."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from gem_lite.simulation.task import Task
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
 
-TOLERANCE, YAW_TOLERANCE = 0.01, math.radians(15)
+TOLERANCE = 0.01
+YAW_TOLERANCE = math.radians(15)
 DEPTH_TOLERANCE = 0.003
-"""The L is in if it is this near (m) to the height of one that stands flat on the fixture's floor."""
+"""The height of an inserted L differs by less than this (m) from that of an L on the fixture's floor."""
 GRASP = Pose2(-0.02, -0.02)
-"""Where the expert grasps, in the L's frame: 14 mm from the notch, so that both arms are short levers."""
+"""The expert's grasp, in the L's frame: 14 mm from the notch, so that both arms are short levers."""
 BLOCK_RADIUS = 0.05 * math.sqrt(2)
 
 
 def seated(block: shapes.Body) -> PoseMetric:
-    """Whether an L stands in its fixture, in position, yaw and depth. An L has no symmetry: one turn is right."""
+    """Decides by position, yaw and height whether an L is in its fixture. It has no symmetry: only one yaw is right."""
     return PoseMetric(TOLERANCE, FULL_TURN, YAW_TOLERANCE, trays.WALL + block.rest_height, DEPTH_TOLERANCE)
 
 
@@ -37,13 +38,14 @@ class BlockInsertion(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         block, fixture = (str(name) for name in rng.choice(colors.SEEN, 2, replace=False))
-        place = free.take(trays.FIXTURE_RADIUS)
-        return self.arrange(environment, (block, fixture), free.take(BLOCK_RADIUS), place)
+        fixture_pose = free.take(trays.FIXTURE_RADIUS)
+        block_pose = free.take(BLOCK_RADIUS)
+        return self.arrange(environment, (block, fixture), block_pose, fixture_pose)
 
     def arrange(
         self, environment: Environment, named: tuple[str, str], block_pose: Pose2, fixture_pose: Pose2
     ) -> list[Goal]:
-        """Put an L and its fixture, of two named colours, where they are to be; returns the goal."""
+        """Put an L and its fixture at two given poses, in two named colours. Returns the goal."""
         self.named_colors = named
         rgba = [colors.rgba(name) for name in named]
         fixture = environment.add(trays.add_l_fixture(environment.client, rgba[1], fixture_pose))

@@ -23,13 +23,14 @@ UNSEEN = (
     "headphones", "airplane", "dumbbell", "pear", "carrot", "lollipop", "mushroom", "magnifying glass", "flashlight",
     "wrench", "sailboat", "lamp",
 )  # fmt: skip
-SEEN_BOXES, UNSEEN_BOXES = ("recycle", "gear"), ("recycle", "smiley")
+SEEN_BOXES = ("recycle", "gear")
+UNSEEN_BOXES = ("recycle", "smiley")
 OBJECTS = 5
 OBJECT_RADIUS = 0.06
 TOPPLING = 2.0
-"""Seconds in which a body that cannot stand (some ducks) falls over, before anyone looks at it."""
+"""Seconds before the first picture. In this time, bodies that cannot stand (some ducks) fall over."""
 VARIANTS = (1000, 1100)
-"""Objects have proportions that the embedded CLIP was not trained on; see `objects.TRAINING_VARIANTS`."""
+"""The range of the objects' variants. CLIP was not trained on their proportions, see `objects.TRAINING_VARIANTS`."""
 INSIDE = ZoneMetric((symbols.BOX_SIDE, symbols.BOX_SIDE), trays.CONTAINER_HEIGHT)
 
 
@@ -37,35 +38,36 @@ INSIDE = ZoneMetric((symbols.BOX_SIDE, symbols.BOX_SIDE), trays.CONTAINER_HEIGHT
 class ObjectSorting(Task):
     """Two symbol boxes and five objects in any colours, spread over all tables; the sentence names one of each.
 
-    The tables are the paper's, 106 x 53 cm. Episode after episode goes through the objects by their seeds, so
-    that 75 demonstrations hold five of each of training's 15. There is one try.
+    The tables have the size of the paper's, 106 x 53 cm. The seed of an episode chooses the named object in turn, so
+    75 demonstrations name each of the 15 training objects five times. An episode has one action.
     """
 
     workspace = Workspace.of_length(1.06)
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
-        objects_here, symbols_here = (UNSEEN, UNSEEN_BOXES) if self.unseen else (SEEN, SEEN_BOXES)
+        object_names, box_symbols = (UNSEEN, UNSEEN_BOXES) if self.unseen else (SEEN, SEEN_BOXES)
         free = [FreeSpace(environment.workspace, rng, environment.style) for _ in environment.tables]
 
-        def anywhere(radius: float) -> Pose2:
+        def random_pose(radius: float) -> Pose2:
             table = int(rng.integers(len(environment.tables)))
             return environment.tables[table] @ free[table].take(radius)
 
-        boxes = [self._add_box(environment, symbol, anywhere(symbols.BOX_RADIUS)) for symbol in symbols_here]
-        wanted = objects_here[seed % len(objects_here)]
-        others = [name for name in objects_here if name != wanted]
-        chosen = [wanted, *(str(name) for name in rng.choice(others, OBJECTS - 1, replace=False))]
+        boxes = [self._add_box(environment, symbol, random_pose(symbols.BOX_RADIUS)) for symbol in box_symbols]
+        named = object_names[seed % len(object_names)]
+        others = [name for name in object_names if name != named]
+        distractors = [str(name) for name in rng.choice(others, OBJECTS - 1, replace=False)]
         bodies = []
-        for name in chosen:
+        for name in (named, *distractors):
             color = str(rng.choice(list(colors.RGB)))
-            pose, variant = anywhere(OBJECT_RADIUS), int(rng.integers(*VARIANTS))
+            pose = random_pose(OBJECT_RADIUS)
+            variant = int(rng.integers(*VARIANTS))
             body = objects.add_object(environment.client, name, colors.rgba(color), pose, variant)
             bodies.append(environment.add(body))
             self.names[body.id] = f"{color} {name}"
         environment.wait(TOPPLING)
         number = int(rng.integers(len(boxes)))
-        sentence = f"pick the {wanted} and place into the {symbols_here[number]} box"
+        sentence = f"pick the {named} and place into the {box_symbols[number]} box"
         return [Goal(sentence, (bodies[0],), (boxes[number],), INSIDE)]
 
     def _add_box(self, environment: Environment, symbol: str, pose: Pose2) -> Body:

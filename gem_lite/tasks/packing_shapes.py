@@ -21,13 +21,14 @@ from gem_lite.tasks.spawn import FreeSpace, put_brown_box
 
 PIECES = 5
 BOX_SIDES = (0.1, 0.15)
-"""The box's sides (m) are drawn from this range, each for itself."""
+"""Each side (m) of the box is drawn from this range."""
 TURNS = {
     "triangle": 3, "square": 4, "plus": 4, "diamond": 2, "pentagon": 5, "rectangle": 2, "flower": 4, "star": 5,
     "hexagon": 6,
 }  # fmt: skip
-"""Shapes that look the same after a part of a full turn, and how many such turns there are."""
+"""Shapes that look the same after a part of a full turn, and the number of these parts in a full turn."""
 ROUND = ("circle", "ring")
+"""Shapes that look the same after every turn."""
 
 
 @register("packing-shapes", {"seen": {}, "unseen": {"unseen": True}})
@@ -35,7 +36,7 @@ class PackingShapes(Task):
     """One fixed brown box and five movable pieces of five shapes and five colours; the sentence names one shape.
 
     CLIPort's task is the unseen variant: in validation and test, shapes and colours come from the unseen
-    sets. There is one try.
+    sets. An episode has one action.
     """
 
     @override
@@ -44,26 +45,26 @@ class PackingShapes(Task):
         box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
         self.names[box.id] = "brown box"
         palette = colors.UNSEEN if self.unseen else colors.SEEN
-        known = shapes.UNSEEN_SHAPES if self.unseen else shapes.SEEN_SHAPES
-        chosen = [str(name) for name in rng.choice(known, PIECES, replace=False)]
+        shape_names = shapes.UNSEEN_SHAPES if self.unseen else shapes.SEEN_SHAPES
+        piece_shapes = [str(name) for name in rng.choice(shape_names, PIECES, replace=False)]
         pieces = []
-        for shape, color in zip(chosen, rng.choice(palette, PIECES, replace=False), strict=True):
+        for shape, color in zip(piece_shapes, rng.choice(palette, PIECES, replace=False), strict=True):
             mesh = shapes.piece_mesh(shape)
             pose = free.take(float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()))
             pieces.append(environment.add(shapes.add_mesh(environment.client, mesh, colors.rgba(str(color)), pose)))
             self.names[pieces[-1].id] = f"{color} {shape}"
-        asked = chosen[0]
-        symmetry = 0.0 if asked in ROUND else 2 * math.pi / TURNS.get(asked, 1)
-        grasp = Pose2(*grasp_point(asked))
-        return [Goal(f"pack the {asked} in the brown box", (pieces[0],), (box,), zone, 1.0, grasp, symmetry)]
+        named = piece_shapes[0]
+        symmetry = 0.0 if named in ROUND else 2 * math.pi / TURNS.get(named, 1)
+        grasp = Pose2(*grasp_point(named))
+        return [Goal(f"pack the {named} in the brown box", (pieces[0],), (box,), zone, 1.0, grasp, symmetry)]
 
 
 @cache
 def grasp_point(shape: str) -> tuple[float, float]:
-    """The point (m, in the piece's frame) nearest to a piece's centre where the tip is on material.
+    """The point of the material that is nearest to a piece's centre (m, in the piece's frame).
 
-    A ring and many a letter have none in the middle; contact by convex hulls would let the tool grasp
-    them there all the same.
+    A ring and many letters have no material in the middle. The tool could still grasp them there, because contact
+    uses the convex hull; a real tool could not.
     """
     solid = shapes.outline(shape).buffer(-0.004)
     point = nearest_points(solid, Point(0, 0))[0]

@@ -17,19 +17,19 @@ from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError
 
 TOLERANCE = 0.05
-"""A block this near (metres, in x and y) to a bowl's centre is in the bowl."""
+"""A block is in a bowl if its distance (metres, in x and y) to the bowl's centre is less than this."""
 DISTRACTORS = 6
 BLOCK_RADIUS = shapes.BLOCK_SIZE / math.sqrt(2)
 BOTH_NEW = "both named colours new"
-"""The subset of episodes whose sentence names two colours that no demonstration ever names."""
+"""The subset of episodes whose sentence names two colours that no demonstration names."""
 
 
 @register("put-block-in-bowl", {"seen-colors": {}, "unseen-colors": {"unseen": True}})
 class PutBlockInBowl(Task):
     """1-3 fixed bowls of one colour, at most as many blocks of another, six movable distractors.
 
-    The distractors (block or bowl by a coin's toss) take the remaining colours of the full list in
-    order, as in CLIPort, so colours that are never named do appear among them in training.
+    Each distractor is a block or a bowl with equal probability. The distractors take the remaining colours of the full
+    list in order, as in CLIPort. So in training, they also have colours that no sentence names.
     """
 
     @override
@@ -50,7 +50,7 @@ class PutBlockInBowl(Task):
                     self._add_bowl(environment, free, color, movable=True)
         self.named_colors = (block_color, bowl_color)
         self.max_steps = block_count + 1
-        # A cube looks the same after a quarter turn; in a round bowl every turn is as good.
+        # A cube looks the same after a quarter turn. In a round bowl, every yaw is right.
         sentence = f"put the {block_color} blocks in a {bowl_color} bowl"
         return [Goal(sentence, tuple(blocks), tuple(bowls), PoseMetric(TOLERANCE), grasp_symmetry=math.pi / 2)]
 

@@ -1,4 +1,4 @@
-"""The tasks by name: families with their variants, and what makes a task of them."""
+"""The tasks by name: families and their variants."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Variant:
     """One task of a family.
 
     Attributes:
-        family: the family's name; its variants share one file of results.
-        task: the family's class.
-        arguments: what the class is given besides the split.
+        family: the name of the family. The variants of a family share one file of results.
+        task: the class of the family.
+        arguments: the arguments of the class besides the split.
     """
 
     family: str
@@ -38,18 +38,19 @@ def register(family: str, variants: Mapping[str, Mapping[str, object]] | None = 
         class PutBlockInBowl(Task): ...
 
     Args:
-        family: its name; a task is called family-variant.
-        variants: the arguments of the class by the variant's name. Without any, the family is one task with its name.
+        family: the name of the family. The name of a task is family-variant.
+        variants: the arguments of the class by the name of the variant. Without variants, the family has one task, and
+            the task has the family's name.
 
     Raises:
-        ValueError: another module has registered a task with such a name.
+        ValueError: another module has registered a task with the same name.
     """
 
     def add(task: T) -> T:
-        named = (
-            {f"{family}-{ending}": arguments for ending, arguments in variants.items()} if variants else {family: {}}
-        )
-        for name, arguments in named.items():
+        arguments_by_name: dict[str, Mapping[str, object]] = {family: {}}
+        if variants:
+            arguments_by_name = {f"{family}-{variant}": arguments for variant, arguments in variants.items()}
+        for name, arguments in arguments_by_name.items():
             TASKS.add(name, Variant(family, task, arguments), task.__module__)
         return task
 
@@ -62,23 +63,23 @@ def names() -> tuple[str, ...]:
 
 
 def family(name: str) -> str:
-    """The family of the task with a name. Raises ValueError with the nearest names if there is none."""
+    """The family of the task with this name. If there is none, raises ValueError with the nearest names."""
     return TASKS.find(name).family
 
 
 def variants(family: str) -> tuple[str, ...]:
-    """The names of a family's tasks; none if there is no such family."""
+    """The names of the tasks of a family; empty if the family is unknown."""
     return tuple(name for name in names() if TASKS.find(name).family == family)
 
 
 def make(name: str, split: Split = "train") -> Task:
-    """The task of that name, with the colours and shapes of ``split``.
+    """Make the task with this name, with the colours and shapes of ``split``.
 
-    An "unseen" variant takes them from the unseen sets in validation and test; in training, and in every other
-    task, they are the seen ones.
+    An "unseen" variant takes them from the unseen sets in validation and test. In training, and in every other
+    task, they come from the seen sets.
 
     Raises:
-        ValueError: unknown name (the message has the nearest ones) or split.
+        ValueError: the name is unknown (the message has the nearest names), or the split is.
     """
     if split not in SPLITS:
         raise ValueError(f"split must be one of {', '.join(SPLITS)}, got {split!r}")

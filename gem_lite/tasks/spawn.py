@@ -1,4 +1,4 @@
-"""Random free places on the table, and the brown box that several families put there."""
+"""Random free places on the table, and the brown box of several families."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from gem_lite.simulation.worlds import HOME, WorldStyle
 
 TRIES = 1000
 GAP = 0.015
-"""Free space (m) round every body."""
+"""Free space (m) around every body."""
 CONTACT = 0.001
-"""Free space (m) between bodies that are put against each other: one picture shows none, and nothing is pushed."""
+"""Free space (m) between neighbours that seem to touch. It is not visible, and the bodies do not push each other."""
 
 
 class TableFullError(RuntimeError):
-    """A body that a scene needs finds no free place."""
+    """There is no free place for a body that a scene needs."""
 
 
 class FreeSpace:
     """Samples poses whose bounding circles neither overlap nor leave the workspace.
 
-    In a world of touching bodies, some are put against the side of another one instead; then their circles may
-    overlap, their sides do not.
+    In a world with touching bodies, some bodies are put next to the side of another body. Then their circles may
+    overlap; their sides do not.
     """
 
     def __init__(
@@ -37,14 +37,14 @@ class FreeSpace:
     ) -> None:  # fmt: skip
         self._workspace, self._rng, self._style, self._gap = workspace, rng, style, gap
         self._taken: list[tuple[Pose2, float, float]] = []  # pose, radius, side
-        # Of its own, so that a world of other containers lays out the same episodes.
+        # A separate generator: worlds with different containers still have the same poses in their episodes.
         self._choices = rng.spawn(1)[0]
 
     def sample(self, radius: float, side: float | None = None) -> Pose2 | None:
-        """A free pose for a body inside a circle of ``radius`` metres; None if none was found.
+        """A free pose for a body inside a circle of ``radius`` metres, or None if there is none.
 
         Args:
-            side: how far (m) the body reaches along its own axes; its radius unless given.
+            side: the distance (m) from the body's centre to its sides; by default its radius.
         """
         side = radius if side is None else side
         style = self._style
@@ -59,11 +59,11 @@ class FreeSpace:
         return pose
 
     def choose(self, count: int) -> int:
-        """The number of one of ``count`` ways to make a body."""
+        """A random number in [0, ``count``): the choice of one of several forms of a body."""
         return int(self._choices.integers(count))
 
     def take(self, radius: float, side: float | None = None) -> Pose2:
-        """Like `sample`, for a body that the scene needs. Raises TableFullError if there is no free place."""
+        """A free pose as from `sample`. Raises TableFullError if there is none."""
         pose = self.sample(radius, side)
         if pose is None:
             raise TableFullError(f"the table has no free place for a body of radius {radius} m")
@@ -84,13 +84,13 @@ class FreeSpace:
         return None
 
     def _against_a_body(self, radius: float, side: float) -> Pose2 | None:
-        """Face to face with another body, as that one is turned; None if no body has room."""
+        """A pose beside another body, with the same yaw and a side next to its side. None if no body has room."""
         w = self._workspace
         for index in self._rng.permutation(len(self._taken)):
-            neighbour, _, its_side = self._taken[index]
-            face = int(self._rng.integers(4)) * math.pi / 2
-            away = its_side + side + CONTACT
-            pose = neighbour @ Pose2(away * math.cos(face), away * math.sin(face))
+            neighbour, _, neighbour_side = self._taken[index]
+            direction = int(self._rng.integers(4)) * math.pi / 2
+            distance = neighbour_side + side + CONTACT
+            pose = neighbour @ Pose2(distance * math.cos(direction), distance * math.sin(direction))
             inside = w.contains(pose.x, pose.y, radius)
             if inside and self._is_free(pose.x, pose.y, radius, beside=int(index)):
                 return pose
@@ -109,10 +109,10 @@ def put_brown_box(
     """Put a fixed brown box, open on top, on a free place.
 
     Args:
-        sides: its two sides (m) are drawn from this range, each for itself.
+        sides: each side (m) of the box is drawn from this range.
 
     Returns:
-        The box, and what says whether a body is inside: between its walls and below their rim.
+        The box, and the metric for a body inside: it lies between the walls and below their upper edge.
     """
     x, y = rng.uniform(*sides, 2).tolist()
     heights = environment.style.box_heights

@@ -24,23 +24,22 @@ PLATES = {
     "middle brown block": (0.612, 0.459, 0.373, 1.0),
     "darkest brown block": (0.306, 0.229, 0.186, 1.0),
 }
-"""The base's plates along its +y, as the sentences call them, and their RGBA."""
+"""The plates of the base along its +y: their names in the sentences, and their RGBA."""
 SPOTS = ((-0.05, 0), (0.0, 0), (0.05, 0), (-0.025, 1), (0.025, 1), (0.0, 2))
-"""Where each of the six blocks belongs: y (m) in the base's frame, and layer."""
+"""The target of each of the six blocks: y (m) in the base's frame, and the layer."""
 TOLERANCE = 0.01
-"""A block this near (m) to its spot, in x and y and in height, is placed."""
+"""A placed block is nearer than this (m) to its spot, in x and y and in height."""
 YAW_TOLERANCE = math.radians(15)
 QUARTER = math.pi / 2
 BLOCK_EXTENT = (shapes.BLOCK_SIZE / math.sqrt(2), shapes.BLOCK_SIZE / 2)
-"""How far (m) a block reaches to its corners, and to its sides."""
+"""The distances (m) from the centre of a block to its corners and to its sides."""
 
 
 @register("stack-block-pyramid-seq", {"seen-colors": {}, "unseen-colors": {"unseen": True}})
 class StackBlockPyramid(Task):
     """Six movable blocks of six colours, and a fixed base of three brown plates; no distractors.
 
-    The sentences come in a fixed order, bottom layer first. The twelve steps of an episode leave room for six
-    retries.
+    The sentences have a fixed order, with the bottom layer first. An episode has twelve actions: six more than blocks.
     """
 
     max_steps = 2 * len(SPOTS)
@@ -72,7 +71,7 @@ class StackBlockPyramid(Task):
 
 
 def on_spot(height: float) -> PoseMetric:
-    """Whether a block lies on its spot, square to the base, its middle at ``height`` (m).
+    """Decides whether a block lies on its spot, parallel to the base, with its middle at ``height`` (m).
 
     A cube looks the same after a quarter turn.
     """
@@ -81,5 +80,5 @@ def on_spot(height: float) -> PoseMetric:
 
 def sentences(named: Sequence[str]) -> list[str]:
     """The six sentences for blocks of six colours."""
-    pairs = [f"{a} and {b} blocks" for a, b in (named[0:2], named[1:3], named[3:5])]
+    pairs = [f"{left} and {right} blocks" for left, right in (named[0:2], named[1:3], named[3:5])]
     return [f"put the {color} block on the {place}" for color, place in zip(named, [*PLATES, *pairs], strict=True)]
