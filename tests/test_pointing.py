@@ -259,7 +259,7 @@ def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world)
         scene = pointing_scenes.lay_out_packing(world, "packing-shapes-unseen", index)
         assert scene.seed == tasks.episode_seed("test", index)
         (phrase, wanted) = scene.questions[0]
-        assert wanted.lower().endswith(phrase) and len(scene.right(wanted)) == 1
+        assert wanted.lower().endswith(phrase) and len(scene.poses_of(wanted)) == 1
         assert world.task.instruction.lower() == f"pack the {phrase} in the brown box"
 
 

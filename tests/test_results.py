@@ -210,10 +210,10 @@ def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
 def test_a_checkpoint_of_another_training_is_not_measured(card):
     experiment = Experiment("cliport", TASK, demos=5, seed=2)
     for entries, said in (
-        ({"demonstrations_world": None}, "demonstrations_world: None there, varied wanted"),
-        ({"demos": 10}, "demos: 10 there, 5 wanted"),
-        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash: "),
-        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint: 0 there"),
+        ({"demonstrations_world": None}, "demonstrations_world is None, not varied"),
+        ({"demos": 10}, "demos is 10, not 5"),
+        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash is "),
+        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint is 0, not"),
     ):
         card(experiment, **entries)
         with pytest.raises(RuntimeError, match=f"comes from another training than {experiment.name} .*{said}"):
