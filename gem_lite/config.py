@@ -1,4 +1,4 @@
-"""What every method's configuration holds; each method adds its own numbers in a dataclass beside its class."""
+"""The configuration that all methods share. Each method adds its own numbers in a dataclass beside its class."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gem_lite.se2 import Workspace
 
 
 class Ablation(NamedTuple):
-    """What one ablation (Table A2) changes in a configuration, and what that means."""
+    """One ablation (Table A2): its meaning in words, and the entries of a configuration that it changes."""
 
     meaning: str
     changes: Mapping[str, Any]
@@ -34,17 +34,17 @@ class Config:
     `ABLATIONS`.
 
     Attributes:
-        name: of the preset that it was made from.
+        name: the preset from which it was made.
         table: length of the table (m); it is half as wide.
         pixel: size of a height map's cell (m).
         angles: how many angles are sampled at the output.
-        parser: the name of what reads instructions (`language.PARSERS`).
+        parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
-        empty_radius: a pick keeps so far (m) away from where the tool has just grasped nothing.
+        empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.
-        ablations: which `ABLATIONS` this configuration was made with (`ablated`). They name the method; equal values
-            that were set in another way do not.
+        ablations: the `ABLATIONS` from which it was made (`ablated`). They become part of the method's name; the same
+            values without an ablation do not.
 
     Raises:
         ValueError: an unknown ablation, or a value that contradicts an ablation.
@@ -54,7 +54,7 @@ class Config:
         "lite": {},
         "paper": {"pixel": 0.003125, "angles": 72, "steps": 30_000, "batch": 1, "learning_rate": 1e-4},
     }
-    """What each preset changes, by its name."""
+    """The entries that each preset changes, by its name."""
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ABLATIONS
     """Endings of a method's name (A.2), in the order in which a name holds several."""
 
@@ -80,7 +80,7 @@ class Config:
                         "it cannot be combined with another ablation or value of the same setting"
                     )
 
-    # How training changes a sample besides its motion; a method that has more of it overrides these with fields.
+    # How training changes a sample, besides moving it. A method whose training does so overrides these by fields.
 
     @property
     def drop_image_map(self) -> float:
@@ -94,7 +94,7 @@ class Config:
 
     @property
     def map_offset(self) -> float:
-        """How much training adds to a semantic map, or takes off, at most."""
+        """The largest amount that training adds to a semantic map or subtracts from it."""
         return 0.0
 
     @classmethod
@@ -113,11 +113,11 @@ class Config:
 
     @property
     def variant(self) -> str:
-        """The ending of a method's name: "" or what is switched off, such as "-without-parsing"."""
+        """The ending of a method's name: "" or its ablations, such as "-without-parsing"."""
         return "".join(f"-{ending}" for ending in self.ablations)
 
     def ablated(self, ending: str) -> Self:
-        """The same with what one of `ABLATIONS` changes, and named after it.
+        """This configuration changed by one of `ABLATIONS`, and named after it.
 
         Raises:
             ValueError: no such ablation, or one that contradicts another.
@@ -137,16 +137,16 @@ class Config:
         return Workspace.of_length(self.table, self.pixel)
 
     def on_table(self, length: float) -> Self:
-        """The same for a table of another length (m), covered by as many pixels."""
+        """This configuration for a table of another length (m), covered by as many pixels."""
         return replace(self, table=length, pixel=self.pixel * length / self.table)
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON holds it: tuples become lists."""
+        """The entries as JSON holds them: tuples become lists."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """The inverse of `as_dict`; entries that are missing have their defaults.
+        """The inverse of `as_dict`; missing entries get their defaults.
 
         Raises:
             ValueError: names that this configuration does not have, or values that contradict each other.

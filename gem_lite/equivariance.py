@@ -1,9 +1,9 @@
 """The equations of A.8 and A.9, checked by running them: every function returns one error per group element.
 
-Entry j of an answer belongs to g_j in C_n, the counter-clockwise turn by theta_j = 2 pi j / n. An error is
+Entry j of a result belongs to g_j in C_n, the counter-clockwise turn by theta_j = 2 pi j / n. An error is
 relative, |difference| / |reference| in the Euclidean norm, inside the disc that every rotation keeps: the
 corners of a square leave and enter as it turns. How a picture is turned is an argument, since on a grid
-of pixels there are several ways and only quarter turns are beyond doubt: `by_pixels` (quarter turns
+of pixels there are several ways, and only quarter turns are exact in all of them: `by_pixels` (quarter turns
 exact, others interpolated), or `by_harmonics` (exact at any angle for band-limited pictures).
 """
 
@@ -65,10 +65,11 @@ def irreducible(coefficients: torch.Tensor, angle: float) -> torch.Tensor:
     return coefficients * torch.exp(-1j * k * angle).view(1, -1, *(1,) * (coefficients.ndim - 2))
 
 
-def relative_error(found: torch.Tensor, expected: torch.Tensor) -> float:
-    """|found - expected| / |expected| inside the disc of the last two dimensions (S, S)."""
+def relative_error(actual: torch.Tensor, expected: torch.Tensor) -> float:
+    """|actual - expected| / |expected| inside the disc of the last two dimensions (S, S)."""
     mask = disc(expected.shape[-1]).to(expected.device)
-    difference, reference = (found - expected).detach()[..., mask], expected.detach()[..., mask]
+    difference = (actual - expected).detach()[..., mask]
+    reference = expected.detach()[..., mask]
     return float(torch.linalg.vector_norm(difference) / torch.linalg.vector_norm(reference))
 
 
@@ -137,11 +138,11 @@ def local_errors(
     rotations: int,
     turn_by: Turn = by_pixels,
 ) -> np.ndarray:
-    """Eq. 5: one object moves by g in SE(2) while the others stay, and its scores move along.
+    """Eq. 5: one object moves by g in SE(2) while the others stay, and its scores move with it.
 
     Args:
         respond: scores, see `Respond`; the scene need not be square here.
-        background: (1, C, H, W), all that stays.
+        background: (1, C, H, W), everything that stays.
         item: (1, C, s, s), the object that moves, s odd, added to the background.
         start, goal: pixels (row, col) of its centre before and after.
         rotations: n.
@@ -187,6 +188,6 @@ def bi_equivariance_errors(
 
 
 def _errors(rotations: int, pair: Callable[[int, float], tuple[torch.Tensor, torch.Tensor]]) -> np.ndarray:
-    """The error of what ``pair(j, theta_j)`` found against what it expected, for every g_j."""
+    """For every g_j, the error of the actual against the expected tensor of ``pair(j, theta_j)``."""
     with torch.no_grad():
         return np.array([relative_error(*pair(j, angle)) for j, angle in enumerate(angle_bins(rotations).tolist())])

@@ -1,4 +1,4 @@
-"""Queries, which say what to pick and where to place it, and the parser of instructions (the noun parser of A.1.6).
+"""Queries (what to pick and where to place it) and the parser of instructions (the noun parser of A.1.6).
 
 A `Parser` is any function from an instruction to `Queries`; `parse` is the library's own. Its grammar (``?``: may be
 missing, ``*``: any number of times, ``|``: or)::
@@ -44,7 +44,7 @@ EXAMPLE = 'for example "put the red block in the green bowl"'
 OPENINGS = (",", "please", "kindly", "now", "could you", "can you", "would you", "will you")
 CLOSINGS = (",", ".", "!", "?", "please", "now", "for me", "thanks", "thank you")
 LOCATIONS = ("on the left", "on the right", "in the middle")
-"""What may follow a phrase to tell equal things apart."""
+"""Words that may follow a phrase to tell equal things apart."""
 PARTS = (
     "handle", "grip", "brim", "rim", "body", "middle", "head", "tip", "blade", "edge", "base", "shade", "seat", "legs",
     "cap", "stem", "tines", "bristles", "neck", "tail",
@@ -58,7 +58,7 @@ ADJECTIVES = frozenset(
      "front", "back", "small", "smaller", "smallest", "big", "bigger", "biggest", "large", "larger", "largest",
      "little", "tiny", "long", "short", "tall", "thin", "thick", "round", "striped")
 )  # fmt: skip
-"""Words that name no thing by themselves."""
+"""Words that name no thing without a noun."""
 _SIDES = ("left", "right", "front", "back", "side", "top")
 """Before "of", they say that something lies beside another thing."""
 _RELATIONS = (
@@ -78,18 +78,18 @@ _OTHERS = (
 )  # fmt: skip
 RESERVED = frozenset((*VERBS, *PARTICLES, *(word for word in PLACING if " " not in word), *_RELATIONS, *_OTHERS))
 _NAMES_IN_LY = ("assembly", "belly", "butterfly", "curly", "doily", "dragonfly", "fly", "holly", "jelly", "lolly")
-"""Other words that end so are adverbs: "gently", "carefully"."""
+"""All other words that end in "ly" count as adverbs: "gently", "carefully"."""
 
 _TOKEN = re.compile(r"[^\W_]+(?:['’&-][^\W_]+)*|\S")
 
 
 @dataclass(frozen=True, eq=False)
 class ImageQuery:
-    """A picture of what is meant, in the place of a phrase.
+    """A picture of the thing that is meant, in the place of a phrase.
 
     Attributes:
         picture: (H, W, 3) uint8.
-        name: what figures and messages call it.
+        name: its name in figures and messages.
 
     Raises:
         ValueError: another kind of picture.
@@ -108,7 +108,7 @@ class ImageQuery:
 
 
 Query = str | ImageQuery
-"""What is asked for: a phrase without its article, or a picture."""
+"""The thing that is meant: a phrase without its article, or a picture."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def conjuncts(phrase: str) -> tuple[str, ...]:
 
 
 def _without_determiner(words: list[str]) -> list[str]:
-    """The words of a thing from its first word on that says what it is."""
+    """The words of a thing without determiners and "of" at the beginning."""
     start = 0
     while start < len(words) and (words[start] in DETERMINERS or (start and words[start] == "of")):
         start += 1
@@ -191,12 +191,12 @@ def _adjectives_alone(words: list[str]) -> bool:
 
 
 class _Reader:
-    """Reads an instruction from left to right; ``at`` is the next word's index."""
+    """Reads an instruction from left to right; ``position`` is the next word's index."""
 
     def __init__(self, instruction: str) -> None:
         self.instruction = instruction
         self.words = _TOKEN.findall(instruction.lower())
-        self.at = 0
+        self.position = 0
         while closing := next((c for c in CLOSINGS if self.words[-len(c.split()) :] == c.split()), None):
             del self.words[-len(closing.split()) :]
 
@@ -208,13 +208,13 @@ class _Reader:
             self.refuse(f"does not begin with a known verb ({', '.join(VERBS)})")
         self.accept(PARTICLES)
         pick = self.phrase() + self.part()
-        end_of_joint = self.joint(self.at)
+        end_of_joint = self.joint(self.position)
         if not pick:
             if not end_of_joint and not self.fits(PLACING):
                 self.refuse_rest()
             self.refuse("names nothing to pick")
         if end_of_joint:
-            self.at = end_of_joint
+            self.position = end_of_joint
             self.accept(PARTICLES)
             self.accept(("it", "them"))
             self.accept(PARTICLES)
@@ -230,35 +230,35 @@ class _Reader:
 
     def phrase(self) -> list[str]:
         """The rules ``list`` and ``LOCATION``: the words of a phrase, without its determiner."""
-        start = self.at
-        thing = start  # where the present member of the list begins
-        while self.at < len(self.words) and not self.stops(start, thing):
-            if self.words[self.at] in ("and", ","):
-                thing = self.at + 1
-            self.at += 1
-        words = _without_determiner(self.words[start : self.at])
+        start = self.position
+        thing = start  # the start of the current member of the list
+        while self.position < len(self.words) and not self.stops(start, thing):
+            if self.words[self.position] in ("and", ","):
+                thing = self.position + 1
+            self.position += 1
+        words = _without_determiner(self.words[start : self.position])
         if "," in words and "and" not in words[words.index(",") :]:
-            self.at = start + self.words[start:].index(",")
+            self.position = start + self.words[start:].index(",")
             self.refuse_rest()
         if all(word in _SIDES for word in words):
             return []
-        if words[-1] in ("left", "right", "back"):  # "put the chair back in the box": which of two meanings?
-            self.at -= 1
+        if words[-1] in ("left", "right", "back"):  # "put the chair back in the box" has two meanings.
+            self.position -= 1
             self.refuse_rest()
         return words + self.location()
 
     def stops(self, start: int, thing: int) -> bool:
         """Whether the next word does not belong to a phrase that began at ``start``."""
-        word = self.words[self.at]
-        before = self.words[self.at - 1] if self.at > start else ""
-        after = self.words[self.at + 1] if self.at + 1 < len(self.words) else ""
+        word = self.words[self.position]
+        before = self.words[self.position - 1] if self.position > start else ""
+        after = self.words[self.position + 1] if self.position + 1 < len(self.words) else ""
         if before == "letter" and len(word) == 1:
             return not word.isalnum()
         if word in ("and", ","):
-            member = _without_determiner(self.words[thing : self.at])
-            # Another word could be a verb that is not known here: "and leave".
+            member = _without_determiner(self.words[thing : self.position])
+            # Any other word after "and" could be an unknown verb: "and leave".
             begins = after == "and" or after in (*DETERMINERS, *ADJECTIVES) or _adjectives_alone(member)
-            return not (member and begins) or self.joint(self.at) > 0
+            return not (member and begins) or self.joint(self.position) > 0
         if word in DETERMINERS:
             return bool(before) and before not in ("of", "and", ",", *DETERMINERS) and word != "one"
         if word in _SIDES and after == "of":
@@ -271,52 +271,54 @@ class _Reader:
         return word in RESERVED or adverb or not word[0].isalnum()
 
     def location(self) -> list[str]:
-        """The rule ``LOCATION``, if the words after it do not go on with the same thing."""
-        start = self.at
+        """The rule ``LOCATION``, if the words after it do not continue the same thing."""
+        start = self.position
         location = self.accept(LOCATIONS)
-        ends = self.at == len(self.words) or self.words[self.at] == "," or self.joint(self.at)
+        ends = self.position == len(self.words) or self.words[self.position] == "," or self.joint(self.position)
         if ends or self.fits(PLACING):
             return location.split()
-        self.at = start
+        self.position = start
         return []
 
     def part(self) -> list[str]:
         """The rule ``part``: the words of the part alone."""
-        start = self.at
+        start = self.position
         owner = self.accept(("by its", "by their", "by the"))
         if not owner:
             return []
         words = self.phrase()
-        if words and "and" not in self.words[: self.at] and (owner != "by the" or words[-1] in PARTS):
+        if words and "and" not in self.words[: self.position] and (owner != "by the" or words[-1] in PARTS):
             return words
-        self.at = start
+        self.position = start
         return []
 
     def joint(self, start: int) -> int:
-        """The rules ``joint`` and ``verb``: where they end that begin at ``start``, 0 if none does."""
-        at = start
-        if self.words[at : at + 1] and self.words[at] in PARTICLES:
-            at += 1
-        joined = at
-        while at < len(self.words) and self.words[at] in (",", "and", "then"):
-            at += 1
-        return at + 1 if joined < at < len(self.words) and self.words[at] in VERBS else 0
+        """The rules ``joint`` and ``verb`` from ``start``: the index of the word after them, 0 if they do not fit."""
+        end = start
+        if end < len(self.words) and self.words[end] in PARTICLES:
+            end += 1
+        conjunction = end
+        while end < len(self.words) and self.words[end] in (",", "and", "then"):
+            end += 1
+        if conjunction < end < len(self.words) and self.words[end] in VERBS:
+            return end + 1
+        return 0
 
     def fits(self, options: Iterable[str]) -> str:
         """The longest of ``options`` that the next words are, or ""."""
-        fitting = [o for o in options if self.words[self.at : self.at + len(o.split())] == o.split()]
+        fitting = [o for o in options if self.words[self.position : self.position + len(o.split())] == o.split()]
         return max(fitting, key=len, default="")
 
     def accept(self, options: Iterable[str]) -> str:
-        """`fits`, and go on after it."""
+        """As `fits`, and move on to the word after it."""
         option = self.fits(options)
-        self.at += len(option.split())
+        self.position += len(option.split())
         return option
 
     def refuse_rest(self) -> None:
         """Raises ValueError if words are left."""
-        if self.at < len(self.words):
-            rest = " ".join(self.words[self.at :]).replace(" ,", ",")
+        if self.position < len(self.words):
+            rest = " ".join(self.words[self.position :]).replace(" ,", ",")
             self.refuse(f"has leftover words {rest!r} that are not understood; say one pick and one place")
 
     def refuse(self, reason: str) -> NoReturn:

@@ -350,6 +350,6 @@ def test_a_missing_view_is_named(name, model, demo_set):
     policy.remember([good, bad])
     with pytest.raises(
         ValueError,
-        match=rf"1 of {bad.task} \(seed {bad.seed}\) .* views of front, left, where .* front, left, right",
+        match=rf"1 of {bad.task} \(seed {bad.seed}\) .* views of front, left, but .* front, left, right",
     ):
         list(policy.prepare([good, bad]))

@@ -7,7 +7,7 @@ import torch
 
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation.failures import Failure
-from gem_lite.evaluation.results import Cell
+from gem_lite.evaluation.results import Score
 from gem_lite.figures import plot_pick, plot_place, plot_results
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import RGBD, Sample
@@ -25,7 +25,7 @@ def close():
 
 
 def cells(*means):
-    return [Cell(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0, (0, 1, 2, 3)) for mean in means]
+    return [Score(np.zeros((1, 4)), mean, (mean - 5, mean + 5), 100.0, (0, 1, 2, 3)) for mean in means]
 
 
 def sample(pick_map):
@@ -87,7 +87,7 @@ def test_the_rule_is_outlined_and_both_picks_are_in_sight():
     semantic, allowed = np.zeros(W.shape), np.zeros(W.shape, bool)
     allowed[35:45, 15:25] = True
     other = Pose2(POSE.x - 0.2, POSE.y, 0.0)
-    fig = plot_pick.show_rule([("a", np.zeros((*W.shape, 3)), semantic, allowed, other, POSE)], W)
+    fig = plot_pick.show_peak_rule([("a", np.zeros((*W.shape, 3)), semantic, allowed, other, POSE)], W)
     above, below = fig.axes[:2]
     assert len(below.collections) == 1, "the outline"
     for ax in (above, below):
@@ -128,7 +128,7 @@ def test_success_draws_a_panel_each_with_its_intervals():
 
 def test_cells_are_bars_in_the_given_order():
     one, two, three = cells(30, 60, 90)
-    fig = plot_results.show_cells({"seen": {"whole": three, "less": two}, "unseen": {"whole": one}})
+    fig = plot_results.show_scores({"seen": {"whole": three, "less": two}, "unseen": {"whole": one}})
     ax = fig.axes[0]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["whole", "less"]
     assert [bar.get_width() for bar in ax.patches] == [90, 60, 30]
@@ -172,7 +172,7 @@ def test_deltas_stay_beside_the_diagonal_across_180_degrees():
 def test_actions_and_closeups_show_every_panel():
     heightmap = HeightMap(W, np.zeros((*W.shape, 3), np.uint8), np.zeros(W.shape, np.float32), np.ones(W.shape, bool))
     logits = np.random.default_rng(0).random((36, *W.shape)).astype(np.float32)
-    shown = plot_place.Shown("one", heightmap, PickPlace(POSE, POSE), logits)
+    shown = plot_place.ActionColumn("one", heightmap, PickPlace(POSE, POSE), logits)
     fig = plot_place.show_actions([shown] * 3)
     assert sum(bool(ax.images) for ax in fig.axes) >= 6 and [ax.get_title() for ax in fig.axes[:3]] == ["one"] * 3
     fig = plot_place.show_closeups([plot_place.CloseUp("two", heightmap, POSE, POSE)] * 2)

@@ -54,7 +54,7 @@ def test_pieces_differ_in_colour_or_shape_and_two_are_asked_for(world, scenes):
         assert len(scene.names) == len(set(scene.names.values())) == pointing_scenes.PIECES
         assert {name.split()[0] for name in scene.names.values()} <= set(colors.UNSEEN)
         assert len(set(scene.questions)) == pointing_scenes.QUESTIONS
-        assert all(len(scene.right(name)) == 1 and phrase == name for phrase, name in scene.questions)
+        assert all(len(scene.poses_of(name)) == 1 and phrase == name for phrase, name in scene.questions)
 
 
 def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
@@ -66,8 +66,8 @@ def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
         assert world.task.instruction == f"put the {pick} in a {place}"
         # The task fixes the named bowls and no others, and allows one step a block and one more.
         fixed = [world.pose(body)[0] for body in world.bodies if not body.movable]
-        assert scene.right(bowl) == fixed
-        assert len(scene.right(block)) == world.task.max_steps - 1
+        assert scene.poses_of(bowl) == fixed
+        assert len(scene.poses_of(block)) == world.task.max_steps - 1
         assert len(scene.names) == len(world.bodies)
         counts.add(len(fixed))
     assert len(counts) > 1
@@ -97,7 +97,7 @@ def test_a_bowl_has_no_hole_from_above(scenes):
 def test_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
     scene = scenes["bowls"]
     for question in scene.questions:
-        for pose in scene.right(question[1]):
+        for pose in scene.poses_of(question[1]):
             found = point(peak_at(pose.x, pose.y), "fused", scene, question)
             assert found.near
             assert found.exact
@@ -259,7 +259,7 @@ def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world)
         scene = pointing_scenes.lay_out_packing(world, "packing-shapes-unseen", index)
         assert scene.seed == tasks.episode_seed("test", index)
         (phrase, wanted) = scene.questions[0]
-        assert wanted.lower().endswith(phrase) and len(scene.right(wanted)) == 1
+        assert wanted.lower().endswith(phrase) and len(scene.poses_of(wanted)) == 1
         assert world.task.instruction.lower() == f"pack the {phrase} in the brown box"
 
 

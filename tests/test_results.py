@@ -47,41 +47,41 @@ def stored(tmp_path, monkeypatch):
 
 
 def test_a_cell_pools_the_training_seeds(stored):
-    found = results.cell("gem", TASK)
+    found = results.score("gem", TASK)
     assert np.array_equal(found.rewards, stored)
     assert found.mean == pytest.approx(100 * stored.mean(), abs=0.05)
     assert found.interval == mean_and_interval(stored)[1]
     assert found.cpu_seconds == 101.0
     assert found.episodes == tuple(range(40))
-    assert results.cell("gem", TASK, episodes=10).rewards.shape == (3, 10)
-    assert results.cell("gem", TASK, seed=1).rewards.shape == (1, 40)
+    assert results.score("gem", TASK, episodes=10).rewards.shape == (3, 10)
+    assert results.score("gem", TASK, seed=1).rewards.shape == (1, 40)
 
 
 def test_a_cell_that_is_not_there_says_what_is(stored):
     with pytest.raises(LookupError, match=r"no row with .*steps 300\. There are: .*steps 1500, world home"):
-        results.cell("gem", TASK, steps=300)
+        results.score("gem", TASK, steps=300)
     with pytest.raises(LookupError, match=r"no row with .*world home, old camera.* There are: .*world home"):
-        results.cell("gem", TASK, world=results.OLD_CAMERA)
+        results.score("gem", TASK, world=results.OLD_CAMERA)
     with pytest.raises(LookupError, match=r"no row with method cliport.* There are: method gem, demos 10"):
-        results.cell("cliport", TASK)
+        results.score("cliport", TASK)
     with pytest.raises(LookupError, match="There are: none of this task"):
-        results.cell("gem", "bars-in-box")
+        results.score("gem", "bars-in-box")
     with pytest.raises(LookupError, match="have 40 episodes, not 50"):
-        results.cell("gem", TASK, episodes=50)
+        results.score("gem", TASK, episodes=50)
 
 
 def test_rows_that_differ_in_more_than_the_seed_are_no_cell(stored):
     file(row_of(np.ones(40), seed=3, config_hash="other"))
     with pytest.raises(LookupError, match=f"differ in config_hash: {LITE.digest}, other; ask for one"):
-        results.cell("gem", TASK)
-    assert results.cell("gem", TASK, config_hash=LITE.digest).rewards.shape == (3, 40)
-    assert results.cell("gem", TASK, config_hash="other").mean == 100.0
+        results.score("gem", TASK)
+    assert results.score("gem", TASK, config_hash=LITE.digest).rewards.shape == (3, 40)
+    assert results.score("gem", TASK, config_hash="other").mean == 100.0
 
 
 def test_two_trainings_with_one_seed_are_no_two_seeds(stored):
     file(row_of(np.ones(40), seed=0, checkpoint_sha256="trained-again"))
     with pytest.raises(LookupError, match=r"same training seed, of the checkpoints sha-0, sha-1, sha-2, trained-agai"):
-        results.cell("gem", TASK)
+        results.score("gem", TASK)
 
 
 def test_rows_of_unlike_episodes_are_no_cell(stored):
@@ -90,7 +90,7 @@ def test_rows_of_unlike_episodes_are_no_cell(stored):
     rows[0]["rewards"].pop("3")
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     with pytest.raises(LookupError, match="different episodes"):
-        results.cell("gem", TASK)
+        results.score("gem", TASK)
 
 
 @pytest.mark.parametrize("name", results.IDENTITY)
@@ -117,9 +117,9 @@ def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kin
         file(old_kind)
     assert path.read_bytes() == before
     file(row_of(np.zeros(40), **same))
-    assert results.cell("gem", TASK, seed=1).mean == 0.0
+    assert results.score("gem", TASK, seed=1).mean == 0.0
     file(row_of(np.ones(41), **same))
-    assert results.cell("gem", TASK, seed=1).rewards.shape == (1, 41)
+    assert results.score("gem", TASK, seed=1).rewards.shape == (1, 41)
     assert len(results.read_rows(path)) == 3
 
 
@@ -151,8 +151,8 @@ def test_no_two_stored_rows_have_one_name():
 
 
 def test_pairs_are_of_the_same_episodes(stored):
-    one = results.cell("gem", TASK)
-    found = results.paired_difference(one, results.cell("gem", TASK, seed=2))
+    one = results.score("gem", TASK)
+    found = results.paired_difference(one, results.score("gem", TASK, seed=2))
     assert found == statistics.paired_difference(stored, stored[2]) and found.seeds == (3, 1)
     file(row_of(np.ones(50), task="put-block-in-bowl-unseen-colors"))
     row = results.read_rows(results.results_file(TASK))[-1]
@@ -210,10 +210,10 @@ def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
 def test_a_checkpoint_of_another_training_is_not_measured(card):
     experiment = Experiment("cliport", TASK, demos=5, seed=2)
     for entries, said in (
-        ({"demonstrations_world": None}, "demonstrations_world: None there, varied wanted"),
-        ({"demos": 10}, "demos: 10 there, 5 wanted"),
-        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash: "),
-        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint: 0 there"),
+        ({"demonstrations_world": None}, "demonstrations_world is None, not varied"),
+        ({"demos": 10}, "demos is 10, not 5"),
+        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash is "),
+        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint is 0, not"),
     ):
         card(experiment, **entries)
         with pytest.raises(RuntimeError, match=f"comes from another training than {experiment.name} .*{said}"):

@@ -14,7 +14,7 @@ from gem_lite.cli import main
 from gem_lite.clip_training import clip_crops, vocabulary
 from gem_lite.evaluation import evaluate_mobile, results
 from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
-from gem_lite.evaluation.results import Cell
+from gem_lite.evaluation.results import Score
 from gem_lite.figures import plot_mobile
 from gem_lite.policies import several_tables
 from gem_lite.policies.gem import Policy, near_peak
@@ -121,7 +121,7 @@ def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, m
     monkeypatch.setattr(several_tables, "choose", counted)
     conditions = [Condition("tags"), Condition("truth"), Condition("truth", 0.3)]
     found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, conditions)
-    assert len(chosen) == 1 and len(found.rewards) == 3 and found.index == 0
+    assert len(chosen) == 1 and len(found.rewards) == 3 and found.episode == 0
     assert found.rewards[0] == found.rewards[1] or not found.errors
 
 
@@ -163,12 +163,12 @@ def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
     facts = {"method": "gem", "task": task, "tables": 2, "world": "home", "split": "test", "start": 0}
     facts |= results.facts_of(None, LITE) | {"train_cpu_seconds": 9.0}
     results.file_rows(evaluate_mobile.rows_of(found, conditions, facts), path, evaluate_mobile.IDENTITY)
-    cell = evaluate_mobile.cell(task, conditions[1])
-    assert cell.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and cell.mean == pytest.approx(41.7)
+    score = evaluate_mobile.score(task, conditions[1])
+    assert score.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and score.mean == pytest.approx(41.7)
     with pytest.raises(LookupError, match=r"no row with .*poses truth.* There are: .*poses tags, shift 0\.02"):
-        evaluate_mobile.cell(task, Condition("truth"))
+        evaluate_mobile.score(task, Condition("truth"))
     with pytest.raises(LookupError, match=r"no row with .*world shadows"):
-        evaluate_mobile.cell(task, conditions[1], world="shadows")
+        evaluate_mobile.score(task, conditions[1], world="shadows")
     with pytest.raises(ValueError, match=r"holds a row over 12 episodes .*shift 0\.02"):
         short = evaluate_mobile.rows_of(found[:3], conditions[1:], facts)
         results.file_rows(short, path, evaluate_mobile.IDENTITY)
@@ -221,7 +221,7 @@ def test_localisation_and_curves_are_drawn(world):
     fig = plot_mobile.show_localisation(view, tags.find_tags(view)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert world.photograph().shape == (480, 640, 3)
-    cells = {size: Cell(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
+    cells = {size: Score(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
     robot = {"seen": cells[0], "unseen": cells[4]}
     fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}}, robot)
     assert [ax.get_xlabel() for ax in fig.axes] == ["shift (cm)", "turn (°)", "error not known"]
@@ -233,7 +233,7 @@ def test_localisation_and_curves_are_drawn(world):
 
 
 def test_widths_are_drawn_in_millimetres_with_intervals():
-    cells = {name: Cell(np.zeros((1, 4)), mean, (10, 95), None, (0, 1, 2, 3)) for name, mean in (("a", 20), ("b", 90))}
+    cells = {name: Score(np.zeros((1, 4)), mean, (10, 95), None, (0, 1, 2, 3)) for name, mean in (("a", 20), ("b", 90))}
     ax = plot_mobile.show_widths({"a": 0.02, "b": 0.08}, cells, ["a"]).axes[0]
     drawn = ax.containers[0]
     assert drawn.lines[0].get_xydata().tolist() == [[20, 20], [80, 90]]

@@ -179,7 +179,7 @@ def test_what_makes_no_interval_is_refused():
     for wrong in (1.5, -0.1, float("nan")):
         with pytest.raises(ValueError, match="must lie in"):
             mean_and_interval([0.5, wrong])
-        with pytest.raises(ValueError, match="other must lie in"):
+        with pytest.raises(ValueError, match="second must lie in"):
             paired_difference([0.5, 0.5], [0.5, wrong])
     with pytest.raises(ValueError, match="of the same episodes, got 2 and 3"):
         paired_difference([1.0, 1.0], [1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""Measure a policy over episodes; the result is one row, see `results`."""
+"""Measure a policy over episodes. The result is rows, see `results`."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ LITE = Config.preset("lite")
 """Pixels and angles of the scripted methods."""
 Observations = tuple[Observation, ...]
 Actor = Callable[[Environment, Observations, Sequence[Pose2]], Action | None]
-"""Chooses an action, given where the tool has grasped nothing since it last held something.
+"""Chooses an action from the environment, the observations and the empty picks.
 
-Only experts look at the environment; a policy's actor passes on the observations and the tool's own log."""
+Empty picks are the poses at which the tool has grasped nothing since it last held something. Only experts read the
+environment. A policy's actor reads the observations and the empty picks."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,12 @@ def run_episode(
         if action is None:
             break
         placed = task.placed(environment)
-        placed_decisions += bool(placed)
+        if placed:
+            placed_decisions += 1
         if isinstance(action, PickPlace):
-            retaken += body_at(environment, environment.tables[action.pick_table] @ action.pick) in placed
+            picked = body_at(environment, environment.tables[action.pick_table] @ action.pick)
+            if picked in placed:
+                retaken += 1
         step = environment.step(action)
         if isinstance(action, PickPlace):
             empty_picks = [] if step.grasped else [*empty_picks, action.pick]
@@ -87,23 +91,24 @@ def expert(environment: Environment, _: Observations = (), __: Sequence[Pose2] =
 
 
 def rounded_expert(settings: Config) -> Actor:
-    """The expert, its action rounded to a configuration's pixels and angles: the best that a policy can do."""
-    workspace, bins = settings.workspace, angle_bins(settings.angles)
+    """The expert with its action rounded to a configuration's pixels and angles: the best that a policy can do."""
+    workspace = settings.workspace
+    bins = angle_bins(settings.angles)
 
-    def nearest(angle: float) -> float:
+    def rounded_angle(angle: float) -> float:
         return float(bins[round(angle / (2 * np.pi / settings.angles)) % settings.angles])
 
-    def in_cell(pose: Pose2, yaw: float) -> Pose2:
+    def rounded_pose(pose: Pose2, yaw: float) -> Pose2:
         return Pose2(*workspace.to_world(*workspace.nearest_cell(pose.x, pose.y)), yaw)
 
     def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action | None:
         match expert(environment):
             case PickPlace(pick, place) as action:
-                yaw = nearest(pick.yaw)
-                turned = yaw + nearest(action.delta)
-                return replace(action, pick=in_cell(pick, yaw), place=in_cell(place, turned))
+                pick_yaw = rounded_angle(pick.yaw)
+                place_yaw = pick_yaw + rounded_angle(action.delta)
+                return replace(action, pick=rounded_pose(pick, pick_yaw), place=rounded_pose(place, place_yaw))
             case Push(start, end) as action:
-                return replace(action, start=in_cell(start, 0.0), end=in_cell(end, 0.0))
+                return replace(action, start=rounded_pose(start, 0.0), end=rounded_pose(end, 0.0))
         return None
 
     return actor
@@ -111,21 +116,23 @@ def rounded_expert(settings: Config) -> Actor:
 
 def random_actor(settings: Config, seed: int) -> Actor:
     """An action that the tool can do, between uniformly random pixels and angles of the first table."""
-    rng, workspace, bins = np.random.default_rng(seed), settings.workspace, angle_bins(settings.angles)
+    rng = np.random.default_rng(seed)
+    workspace = settings.workspace
+    bins = angle_bins(settings.angles)
 
     def pose() -> Pose2:
         cell = [rng.integers(length) for length in workspace.shape]
         return Pose2(*workspace.to_world(*cell), float(rng.choice(bins)))
 
     def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action:
-        kind = environment.effector.actions[0]
-        return kind(pose(), pose())
+        action_type = environment.effector.actions[0]
+        return action_type(pose(), pose())
 
     return actor
 
 
 def policy_actor(policy: PickPlacePolicy) -> Actor:
-    """A policy as an actor on one table: it gets the camera views, the sentence and the tool's log, nothing else."""
+    """A policy as an actor on one table. It gets only the camera views, the sentence and the empty picks."""
 
     def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Action:
         (observation,) = observations
@@ -166,7 +173,7 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
 
 
 def settings_of(task_name: str, split: tasks.Split, settings: Config = LITE) -> Config:
-    """``settings`` on the table of a task: those of the scripted methods that depend on pixels and angles."""
+    """``settings`` for the table of a task, for scripted methods that depend on pixels and angles."""
     return settings.on_table(tasks.make(task_name, split).workspace.length)
 
 
@@ -207,7 +214,7 @@ def evaluate(
     parts = workers.chunks(start, episodes)
     style = worlds.style(world)
     settings = settings_of(task_name, split, settings)
-    make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors surface here, not in a worker.
+    make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors are raised here, not in a worker.
     jobs = [Job(method, settings, checkpoint, clip_name, style, task_name, split, part) for part in parts]
     label = f"{method} on {task_name}"
     return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, episodes, processes)
@@ -217,7 +224,7 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
     """The rows of a measurement: one over all episodes, and one over each of the task's subsets that occurs.
 
     Args:
-        facts: the rest of what names a row, see `results.facts_of`.
+        facts: the other entries that identify a row, see `results.facts_of`.
     """
     rows = [results.result_row(method, task_name, episodes, "all", facts)]
     for subset in dict.fromkeys(name for episode in episodes for name in episode.subsets):
@@ -233,24 +240,24 @@ def measure_and_file(
     """`evaluate` a method and file its rows in ``path``: one of all episodes, and one of each of the task's subsets.
 
     Raises:
-        ValueError: see `evaluate`, or ``path`` holds a row over more episodes; the latter is said before measuring.
+        ValueError: see `evaluate`, or ``path`` holds a row over more episodes, which is checked before measuring.
         FileNotFoundError: no such checkpoint.
     """
-    method, facts = _named(method, task_name, split, checkpoint)
+    method, facts = _name_and_facts(method, task_name, split, checkpoint)
     facts = {"world": world, "split": split, "start": start} | facts
     expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
-    played = evaluate(
+    measured = evaluate(
         method, task_name, episodes, split, start, checkpoint=checkpoint, clip_name=clip_name, processes=processes,
         world=world,
     )  # fmt: skip
-    rows = rows_of(method, task_name, played, facts)
+    rows = rows_of(method, task_name, measured, facts)
     results.file_rows(rows, path)
     return rows
 
 
-def _named(method: str, task_name: str, split: tasks.Split, checkpoint: Path | None) -> tuple[str, dict]:
-    """The method's name as results hold it, and what a row says of its policy."""
+def _name_and_facts(method: str, task_name: str, split: tasks.Split, checkpoint: Path | None) -> tuple[str, dict]:
+    """The method's name as results hold it, and the entries of a row that describe its policy."""
     if method in SCRIPTED:
         settings = None if method == "expert" else settings_of(task_name, split)
         return method, results.facts_of(None, settings)

@@ -12,7 +12,7 @@ import numpy as np
 
 from gem_lite import clip, tasks
 from gem_lite.evaluation import results, workers
-from gem_lite.evaluation.results import Cell
+from gem_lite.evaluation.results import Score
 from gem_lite.policies import gem, methods, several_tables
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import tags
@@ -23,7 +23,7 @@ from gem_lite.simulation.worlds import WorldStyle
 
 TASKS = tasks.variants("object-sorting")
 IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")
-"""What names a row of these results."""
+"""The entries that identify a row of these results."""
 
 
 class Condition(NamedTuple):
@@ -40,17 +40,17 @@ class Condition(NamedTuple):
     turn: float = 0.0
 
     def finder(self, rng: np.random.Generator) -> driving.Finder:
-        """The robot's way of finding a table; every table's error is drawn anew."""
+        """The robot's way of finding a table, with a new random error for every table."""
         find = driving.localise if self.poses == "tags" else driving.ask_simulator
 
-        def wrong(world: MobileWorld, table: int) -> Pose2:
+        def find_with_error(world: MobileWorld, table: int) -> Pose2:
             direction = rng.uniform(-math.pi, math.pi)
             error = Pose2(
                 self.shift * math.cos(direction), self.shift * math.sin(direction), self.turn * rng.choice([-1, 1])
             )
             return driving.disturbed(find, error)(world, table)
 
-        return wrong
+        return find_with_error
 
 
 CURVE = (
@@ -61,9 +61,9 @@ CURVE = (
 
 
 class Outcome(NamedTuple):
-    """One episode: the reward under each condition, and what kept the robot from acting, if anything did."""
+    """One episode: the reward under each condition, and the reason for each time that the robot could not act."""
 
-    index: int
+    episode: int
     rewards: tuple[float, ...]
     errors: tuple[str, ...]
 
@@ -73,11 +73,14 @@ def run_episode(
     conditions: Sequence[Condition],
 ) -> Outcome:  # fmt: skip
     """Choose once, since the pictures do not depend on the robot; act under each condition from the same start."""
-    rewards, errors, choice = [], [], None
+    rewards: list[float] = []
+    errors: list[str] = []
+    choice: several_tables.MobileChoice | None = None
     for number, condition in enumerate(conditions):
         task = tasks.make(task_name, split)
         world.begin(task, tasks.episode_seed(split, index))
-        choice = choice or several_tables.choose(policy, world.observe(), task.instruction)
+        if choice is None:
+            choice = several_tables.choose(policy, world.observe(), task.instruction)
         world.find = condition.finder(np.random.default_rng((index, number)))
         try:
             step = world.step(choice.action)
@@ -125,29 +128,32 @@ def measure(
     parts = workers.chunks(start, episodes)
     tasks.make(task_name, split)
     style = worlds.style(world)
-    load_policy(checkpoint, clip.load(clip_name))  # Errors surface here, not in a worker.
+    load_policy(checkpoint, clip.load(clip_name))  # Errors are raised here, not in a worker.
     jobs = [Job(checkpoint, clip_name, style, task_name, split, part, tuple(conditions), tables) for part in parts]
     return workers.run_jobs(run_job, jobs, lambda outcome: outcome.rewards[0], task_name, episodes, processes)
 
 
-def rows_of(found: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:
+def rows_of(outcomes: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:
     """A row for each condition, with every episode's reward by its index."""
     return [
-        facts | condition._asdict() | results.scored({one.index: one.rewards[number] for one in found})
+        facts
+        | condition._asdict()
+        | results.reward_entries({outcome.episode: outcome.rewards[number] for outcome in outcomes})
         for number, condition in enumerate(conditions)
     ]
 
 
-def cell(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Cell:
+def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
     """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
 
     Raises:
         LookupError: there is no such row, or see `results.pool`.
     """
-    wanted = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
-    wanted |= condition._asdict()
+    required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    required |= condition._asdict()
     shown = ("tables", "world", "poses", "shift", "turn")
-    return results.pool(results.select(results.read_rows(results.results_file(task)), wanted, shown), identity=IDENTITY)
+    rows = results.read_rows(results.results_file(task))
+    return results.pool(results.select(rows, required, shown), identity=IDENTITY)
 
 
 def measure_and_file(
@@ -161,10 +167,10 @@ def measure_and_file(
         curve: also under the injected errors of `CURVE`.
 
     Returns:
-        The rows, and for each time that the robot could not act, the episode and what kept it from acting.
+        The rows, and a line with episode and reason for each time that the robot could not act.
 
     Raises:
-        ValueError: see `measure`, or ``path`` holds a row over more episodes; the latter is said before measuring.
+        ValueError: see `measure`, or ``path`` holds a row over more episodes, which is checked before measuring.
         FileNotFoundError: no such checkpoint.
     """
     conditions = [Condition("tags"), Condition("truth"), *(CURVE if curve else ())]
@@ -175,7 +181,7 @@ def measure_and_file(
     }  # fmt: skip
     expected = [facts | condition._asdict() | {"episodes": episodes} for condition in conditions]
     results.check_rows(expected, path, IDENTITY)  # Before hours of measuring, not after them.
-    found = measure(checkpoint, task_name, episodes, conditions, split, start, clip_name, tables, processes, world)
-    rows = rows_of(found, conditions, facts)
+    outcomes = measure(checkpoint, task_name, episodes, conditions, split, start, clip_name, tables, processes, world)
+    rows = rows_of(outcomes, conditions, facts)
     results.file_rows(rows, path, IDENTITY)
-    return rows, [f"episode {outcome.index}: {error}" for outcome in found for error in outcome.errors]
+    return rows, [f"episode {outcome.episode}: {error}" for outcome in outcomes for error in outcome.errors]

@@ -1,7 +1,7 @@
 """Every training and measurement behind the results of the lessons, as one list that can be run again.
 
-An experiment is one training and the tasks it is measured on. Each runs in a process of its own on one
-core, as many side by side as there are cores; what was stopped goes on where it was.
+An experiment is one training and the tasks on which its policy is measured. Each runs in its own process on one core,
+and several run at once. A training that was stopped goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Experiment:
 
     @property
     def scripted(self) -> bool:
-        """Whether there is nothing to train."""
+        """Whether the method needs no training."""
         return self.method in (*evaluate.SCRIPTED, pointing.METHOD)
 
     @property
@@ -85,17 +85,17 @@ class Experiment:
 
     @property
     def shipped(self) -> bool:
-        """Whether its policy is one of those in data: GEM's from ten demonstrations, with seed 0."""
+        """Whether its policy is shipped in data: GEM from ten demonstrations, with seed 0."""
         return self == Experiment("gem", self.task, episodes=self.episodes)
 
     @property
     def checkpoint(self) -> Path:
-        """Where its policy is kept."""
+        """The file of its policy."""
         return clip.DATA / f"gem-{self.family}.safetensors" if self.shipped else FOLDER / f"{self.name}.safetensors"
 
     @property
     def config(self) -> Config | None:
-        """Its configuration; None for what does not depend on one."""
+        """Its configuration; None if the method does not depend on one."""
         if self.method == "expert":
             return None
         if self.method == pointing.METHOD:
@@ -106,7 +106,7 @@ class Experiment:
         return evaluate.settings_of(self.task, "test", replace(settings, steps=self.steps))
 
     def training(self) -> dict:
-        """What its rows and its checkpoint's card have to say of the training."""
+        """The entries on the training that its rows and its checkpoint's card must have."""
         if self.scripted:
             fingerprint = _embedded_fingerprint() if self.method == pointing.METHOD else None
             hashed = self.config.digest if self.config else None
@@ -117,64 +117,64 @@ class Experiment:
         }  # fmt: skip
 
     def done(self) -> bool:
-        """Whether every row is filed: of this training, and of the checkpoint if it is there."""
-        wanted = {"method": self.method, "subset": "all", "world": "home", "split": "test", "start": 0}
-        wanted |= self.training()
+        """Whether every row of this training is filed; if the checkpoint exists, the rows must be its own."""
+        required = {"method": self.method, "subset": "all", "world": "home", "split": "test", "start": 0}
+        required |= self.training()
         if not self.scripted and self.checkpoint.with_suffix(".json").exists():
-            wanted["checkpoint_sha256"] = read_card(self.checkpoint)["sha256"]
-        rows = [row for row in results.read_rows(results.results_file(self.task)) if wanted.items() <= row.items()]
+            required["checkpoint_sha256"] = read_card(self.checkpoint)["sha256"]
+        rows = [row for row in results.read_rows(results.results_file(self.task)) if required.items() <= row.items()]
         return {row["task"] for row in rows if row["episodes"] >= self.episodes} >= set(self.measured_on)
 
     def check_checkpoint(self) -> None:
-        """Raises RuntimeError if the checkpoint that is there comes from another training."""
+        """Raises RuntimeError if the checkpoint's file comes from another training."""
         card = read_card(self.checkpoint)
         facts = {"method": card["method"]} | results.facts_of(card, methods.of_card(card)[1])
-        wanted = {"method": self.method} | self.training()
-        differ = [f"{key}: {facts[key]} there, {value} wanted" for key, value in wanted.items() if facts[key] != value]
-        if differ:
+        required = {"method": self.method} | self.training()
+        differences = [f"{key} is {facts[key]}, not {value}" for key, value in required.items() if facts[key] != value]
+        if differences:
             raise RuntimeError(
-                f"{self.checkpoint} comes from another training than {self.name} ({'; '.join(differ)}): "
+                f"{self.checkpoint} comes from another training than {self.name} ({'; '.join(differences)}): "
                 "move it away, so that it is trained anew"
             )
 
     def commands(self) -> list[list[str]]:
-        """What has to run, one after the other: arguments of ``gem-lite``.
+        """The commands to run, one after the other, as arguments of ``gem-lite``.
 
         Raises:
             RuntimeError: its checkpoint comes from another training.
         """
-        out = ["--out", str(self.rows)]
+        out_option = ["--out", str(self.rows)]
         count = str(self.episodes)
         if self.method == pointing.METHOD:
-            return [["pointing", "--task", task, "--scenes", count, *out] for task in self.measured_on]
-        needed = []
-        measure = ["--episodes", count, "--processes", "1", *out]
+            return [["pointing", "--task", task, "--scenes", count, *out_option] for task in self.measured_on]
+        train_commands = []
+        measure = ["--episodes", count, "--processes", "1", *out_option]
         if not self.scripted:
             measure = ["--checkpoint", str(self.checkpoint), *measure]
             if self.checkpoint.exists():
                 self.check_checkpoint()
             else:
                 folder = demonstrations_of(self.task, self.demonstrations_world)
-                needed.append(
+                train_commands.append(
                     ["train", str(folder), str(self.checkpoint), "--method", self.method,
                      "--episodes", str(self.demos), "--seed", str(self.seed), "--config.steps", str(self.steps),
                      "--state", str(FOLDER / "state" / self.name)]
                 )  # fmt: skip
-        return needed + [["evaluate", self.method, task, *measure] for task in self.measured_on]
+        return train_commands + [["evaluate", self.method, task, *measure] for task in self.measured_on]
 
     @property
     def rows(self) -> Path:
-        """Its rows, until they are filed with all others."""
+        """The file of its rows, until they are filed with all others."""
         return FOLDER / "rows" / f"{self.name}.jsonl"
 
 
 TRUE_COLORS = tuple(f"{method}-without-recoloring" for method in ("gem", "cliport", "cliport-grounded"))
-"""Methods trained on true colours, with the paper's augmentation alone."""
+"""Methods that train on true colours, with the paper's augmentation only."""
 RIVALS = ("cliport", "cliport-grounded", "transporter-lan")
 ANGLE_RIVALS = ("transporter-lan", "cliport")
-"""Rivals that are measured where an angle decides."""
+"""Rivals that are measured on block insertion, where the place angle decides."""
 SHORT = 300
-"""Steps of a training that validation episodes preferred for a single demonstration."""
+"""Training steps for a single demonstration, chosen on validation episodes."""
 COMPARED = ("gem", "transporter-lan", "cliport", "cliport-grounded")
 """The methods that lesson 07 compares."""
 PLAN = (
@@ -203,12 +203,12 @@ PLAN = (
 
 
 def demonstrations_of(task: str, world: str) -> Path:
-    """The folder of a task's demonstrations in a world; as many as the largest experiment needs."""
+    """The folder of a task's demonstrations in a world."""
     return FOLDER / "demos" / f"{task}-{world}"
 
 
 def run(experiment: Experiment) -> list[dict]:
-    """Train and measure in other processes, on one core; returns the rows.
+    """Train and measure in other processes, on one core, and return the rows.
 
     Raises:
         RuntimeError: its checkpoint comes from another training, or a process failed; the message names its log.
@@ -220,22 +220,22 @@ def run(experiment: Experiment) -> list[dict]:
     experiment.rows.unlink(missing_ok=True)  # Rows of an earlier run may be of another training.
     with log.open("a") as out:
         for command in commands:
-            ended = subprocess.run(
+            process = subprocess.run(
                 [*GEM_LITE, *command], stdout=out, stderr=out, env={**os.environ, "OMP_NUM_THREADS": "1"}
             )
-            if ended.returncode:
-                raise RuntimeError(f"{experiment.name} ended with code {ended.returncode}; see {log}")
+            if process.returncode:
+                raise RuntimeError(f"{experiment.name} ended with code {process.returncode}; see {log}")
     return results.read_rows(experiment.rows)
 
 
 def collect(plan: Sequence[Experiment]) -> None:
-    """Collect the demonstrations that ``plan`` needs and that are not there."""
-    needed: dict[tuple[str, str], int] = {}
+    """Collect the demonstrations that ``plan`` needs and that do not exist yet."""
+    counts: dict[tuple[str, str], int] = {}
     for experiment in plan:
         if not experiment.scripted:
             key = (experiment.task, experiment.demonstrations_world)
-            needed[key] = max(experiment.demos, needed.get(key, 0))
-    for (task, world), count in needed.items():
+            counts[key] = max(experiment.demos, counts.get(key, 0))
+    for (task, world), count in counts.items():
         folder = demonstrations_of(task, world)
         if not folder.exists() or len(list(folder.glob("*.npz"))) < count:
             command = ["collect", task, str(folder), "--episodes", str(count), "--world", world]
@@ -246,7 +246,7 @@ def run_all(plan: Sequence[Experiment], jobs: int) -> None:
     """Run the experiments of ``plan`` that are not filed, ``jobs`` at once, and file their rows; prints each row.
 
     Raises:
-        RuntimeError: demonstrations could not be collected, or experiments failed; all others are filed then.
+        RuntimeError: demonstrations could not be collected, or experiments failed; the others are filed.
     """
     plan = [experiment for experiment in plan if not experiment.done()]
     try:
@@ -256,10 +256,10 @@ def run_all(plan: Sequence[Experiment], jobs: int) -> None:
     failed = 0
     with ThreadPoolExecutor(jobs) as pool, tqdm(total=len(plan), desc="experiments") as bar:
         running = {pool.submit(run, experiment): experiment for experiment in plan}
-        for ended in as_completed(running):
+        for future in as_completed(running):
             try:
-                rows = ended.result()
-                results.file_rows(rows, results.results_file(running[ended].task))
+                rows = future.result()
+                results.file_rows(rows, results.results_file(running[future].task))
             except (OSError, RuntimeError, ValueError) as error:
                 failed += 1
                 bar.write(str(error))

@@ -1,6 +1,6 @@
-"""Why a policy failed: its first action that gained nothing, judged by the simulator's truth.
+"""Why a policy failed: its first action that gained nothing, explained with the simulator's truth.
 
-The truth explains; the policy never sees it.
+The policy never sees this truth.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gem_lite.simulation.world import World
 
 @dataclass(frozen=True)
 class Failure:
-    """An action that gained nothing: in which step of which episode, what the policy saw and chose, and why."""
+    """An action that gained nothing: its episode and step, what the policy saw and chose, and the reason."""
 
     episode: int
     step: int
@@ -33,24 +33,26 @@ def thing_at(world: World, pose: Pose2) -> str:
     return world.task.names.get(body_at(world, pose), "table")
 
 
-def reason(choice: Choice, expert: ExpertAction, wanted: tuple[str, str], found: tuple[str, str], grasped: bool) -> str:
-    """One line on what was wrong with an action, the first cause first.
+def reason(choice: Choice, expert: ExpertAction, right: tuple[str, str], chosen: tuple[str, str], grasped: bool) -> str:
+    """The first cause why an action was wrong, in one line.
 
     Args:
-        wanted: what lies at the expert's pick and place.
-        found: the same for the policy; what the tool lifted counts more than what lies under the pick.
+        right: the names of the things at the expert's pick and place.
+        chosen: the names of the things at the policy's pick and place. If the tool lifted a body, its name stands for
+            the pick.
         grasped: whether the tool held anything.
     """
-    right, done = expert.action, choice.action
-    if found[0] != wanted[0]:
-        return f"picked the {found[0]}, not the {wanted[0]}"
+    right_action = expert.action
+    action = choice.action
+    if chosen[0] != right[0]:
+        return f"picked the {chosen[0]}, not the {right[0]}"
     if not grasped:
-        turn = math.degrees(angle_off(done.pick.yaw - right.pick.yaw, expert.pick_symmetry))
-        return f"grasped nothing of the {wanted[0]}, {turn:.0f}° off"
-    if found[1] != wanted[1]:
-        return f"placed on the {found[1]}, not on the {wanted[1]}"
-    gap = 1000 * math.hypot(done.place.x - right.place.x, done.place.y - right.place.y)
-    turn = math.degrees(angle_off(done.delta - right.delta, expert.place_symmetry))
+        turn = math.degrees(angle_off(action.pick.yaw - right_action.pick.yaw, expert.pick_symmetry))
+        return f"grasped nothing of the {right[0]}, {turn:.0f}° off"
+    if chosen[1] != right[1]:
+        return f"placed on the {chosen[1]}, not on the {right[1]}"
+    gap = 1000 * math.hypot(action.place.x - right_action.place.x, action.place.y - right_action.place.y)
+    turn = math.degrees(angle_off(action.delta - right_action.delta, expert.place_symmetry))
     return f"placed {gap:.0f} mm and {turn:.0f}° off"
 
 
@@ -65,7 +67,7 @@ def first_failure(
     task = tasks.make(task_name, split)
     lifted: list[str] = []
 
-    def note_what_is_lifted(moment: str) -> None:
+    def record_lifted_body(moment: str) -> None:
         if moment == "picked" and world.effector.held is not None:
             lifted.append(task.names[world.effector.held])
 
@@ -73,16 +75,17 @@ def first_failure(
     done = False
     while not done:
         lifted.clear()
-        choice, expert = policy.decide(observation, task.instruction), task.expert(world)
-        wanted, found = (
-            tuple(thing_at(world, pose) for pose in (action.pick, action.place))
-            for action in (expert.action, choice.action)
-        )
-        step = world.step(choice.action, note_what_is_lifted)
+        choice = policy.decide(observation, task.instruction)
+        expert = task.expert(world)
+        right = thing_at(world, expert.action.pick), thing_at(world, expert.action.place)
+        picked = thing_at(world, choice.action.pick)
+        place = thing_at(world, choice.action.place)
+        step = world.step(choice.action, record_lifted_body)
         if np.isclose(step.reward, 0) or step.reward < 0:
-            picked = lifted[0] if lifted else found[0]
-            why = reason(choice, expert, wanted, (picked, found[1]), step.grasped)
-            return Failure(index, world.steps_taken, choice, why)
+            if lifted:
+                picked = lifted[0]
+            cause = reason(choice, expert, right, (picked, place), step.grasped)
+            return Failure(index, world.steps_taken, choice, cause)
         (observation,) = step.observations
         done = step.done
     return None

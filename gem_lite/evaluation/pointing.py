@@ -1,7 +1,7 @@
-"""The pointing game: zero-shot, the centre of a map's highest plateau must lie on what the phrase names.
+"""The pointing game: the centre of a map's highest plateau must lie on the thing that the phrase names.
 
-After Zhang et al., "Top-down Neural Attention by Excitation Backprop" (ECCV 2016). `pointing_scenes` lays out what
-the maps are asked about.
+Nothing is trained for it. It follows Zhang et al., "Top-down Neural Attention by Excitation Backprop" (ECCV 2016).
+`pointing_scenes` makes the scenes and their phrases.
 """
 
 from __future__ import annotations
@@ -48,26 +48,26 @@ MAPS = ("fused", WIDE, "single-view", MATCHED, "image", "blended")
 """The text-conditioned maps of three views (the configuration's patches, and `WIDE`) and of the height map alone (its
 own patches, and `MATCHED`), the image-conditioned one, and Eq. 4."""
 RADIUS = 0.02
-"""A map that points at most this far (metres, in x and y) from a right body's centre is near it: half a block."""
+"""A map is near a right body if it points at most this far (m, in x and y) from its centre: half a block."""
 NEAR = f"within_{1000 * RADIUS:.0f}mm"
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TRAINING_SCENES = 10
 """Scenes of shapes, in seen colours, whose pieces stand for ten demonstrations' picks."""
 METHOD = "map-pointing"
-"""The name of those rows."""
+"""The method's name in rows of what the map alone would pick (`measure_packing`)."""
 IDENTITY = ("kind", "scenes", "map", "world", "clip_fingerprint", "config", "config_hash", "crops", "plateau")
-"""What names a row of the results."""
+"""The entries that identify a row of the results."""
 
 
 @dataclass(frozen=True)
 class Pointing:
-    """Where one map pointed for one phrase.
+    """The point at which one map pointed for one phrase.
 
     Attributes:
         row, col: the plateau's centre, in cells.
-        distance: metres, in x and y, from there to the nearest right body's centre.
-        shown: the name of the body seen from above there, or "table".
-        exact: whether that is a right body.
+        distance: metres, in x and y, from that point to the nearest right body's centre.
+        shown: the name of the body that is seen from above at that point, or "table".
+        exact: whether it is a right body.
     """
 
     seed: int
@@ -86,9 +86,9 @@ class Pointing:
 
 
 def play_packing(task_name: str, episodes: int, model: Clip, settings: GemConfig = LITE) -> list[Episode]:
-    """Where the text-conditioned map alone points in the first test episodes; 1 if within `RADIUS`, else 0.
+    """The first test episodes with the text-conditioned map alone; the reward is 1 if it is near (`RADIUS`), else 0.
 
-    Not `Pointing.exact`: in the middle of a ring lies the table.
+    `Pointing.exact` is not used: the table is seen in the middle of a ring.
 
     Raises:
         ValueError: another task, or less than one episode.
@@ -102,9 +102,8 @@ def play_packing(task_name: str, episodes: int, model: Clip, settings: GemConfig
             question = scene.questions[0]
             embedding = semantic_map.embed_scene(scene.views, model, settings)
             semantic = semantic_map.text_conditioned_map(embedding, question[0], model)
-            episodes_played.append(
-                Episode(index, float(point(semantic, "fused", scene, question, settings).near), 0, ())
-            )
+            pointing = point(semantic, "fused", scene, question, settings)
+            episodes_played.append(Episode(index, float(pointing.near), 0, ()))
     return episodes_played
 
 
@@ -139,13 +138,13 @@ def maps(
 def point(
     semantic: np.ndarray, name: str, scene: Scene, question: tuple[str, str], settings: GemConfig = LITE
 ) -> Pointing:
-    """Where a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
-    phrase, wanted = question
+    """The point at which a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
+    phrase, right_name = question
     row, col = semantic_map.plateau_centre(semantic, settings)
     x, y = settings.workspace.to_world(row, col)
-    distance = min(float(np.hypot(x - pose.x, y - pose.y)) for pose in scene.right(wanted))
+    distance = min(float(np.hypot(x - pose.x, y - pose.y)) for pose in scene.poses_of(right_name))
     shown = scene.names.get(int(scene.above[settings.workspace.nearest_cell(x, y)]), "table")
-    return Pointing(scene.seed, phrase, name, row, col, distance, shown, shown == wanted)
+    return Pointing(scene.seed, phrase, name, row, col, distance, shown, shown == right_name)
 
 
 def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: GemConfig = LITE) -> list[Pointing]:
@@ -178,25 +177,25 @@ def play(
     """Play the first ``scenes`` scenes of a kind, one process a core.
 
     Args:
-        memory: the crops that "image" and "blended" may search; None means there are none.
-        clip_name: as `clip.load` takes it, the CLIP that embedded ``memory``.
+        memory: the crops that "image" and "blended" may search; None if there are none.
+        clip_name: see `clip.load`; it must be the CLIP that embedded ``memory``.
 
     Raises:
         ValueError: an unknown kind, or less than one scene.
     """
     check_kind(kind)
     seeds = scene_seeds(scenes)
-    _ = clip.load(clip_name).calibration  # Measured here, if it must be, and not by every worker.
+    _ = clip.load(clip_name).calibration  # Calibrated here, so that not every worker has to do it.
     chunks = [(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
-    found: list[Pointing] = []
+    pointings: list[Pointing] = []
     with (
         multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
         tqdm(total=scenes, desc=f"pointing, {kind}", unit="scene") as bar,
     ):
         for chunk, part in zip(chunks, pool.imap(_run_chunk, chunks), strict=True):
-            found += part
+            pointings += part
             bar.update(len(chunk[1]))
-    return found
+    return pointings
 
 
 def demonstrated_crops(kind: str, model: Clip, settings: GemConfig = LITE) -> CropMemory:
@@ -217,13 +216,13 @@ def demonstrated_crops(kind: str, model: Clip, settings: GemConfig = LITE) -> Cr
     return CropMemory(entries, model)
 
 
-def rate(found: Sequence[Pointing], hit: Callable[[Pointing], bool]) -> dict | None:
+def rate(pointings: Sequence[Pointing], hit: Callable[[Pointing], bool]) -> dict | None:
     """Percent of hits with their 95 % interval over scenes (`statistics.mean_and_interval`); None without any pointing.
 
-    A scene counts as the mean of its phrases. ``by_scene`` holds it by the scene's seed.
+    A scene counts as the mean of its phrases; ``by_scene`` holds this mean by the scene's seed.
     """
     scenes = defaultdict(list)
-    for pointing in found:
+    for pointing in pointings:
         scenes[pointing.seed].append(hit(pointing))
     if not scenes:
         return None
@@ -233,22 +232,23 @@ def rate(found: Sequence[Pointing], hit: Callable[[Pointing], bool]) -> dict | N
     return {"mean": mean, "ci95": list(interval), "interval": statistics.INTERVAL, "by_scene": by_scene}
 
 
-def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]:
-    """One row of the results per map.
+def result_rows(kind: str, pointings: Sequence[Pointing], facts: dict) -> list[dict]:
+    """One row of the results for each map.
 
-    ``without_crop`` counts phrases for which there is no such map; the fused map's ``missed`` lists the
-    (seed, phrase) that it was not near; ``episodes`` counts all scenes, ``scene_count`` those that the map answered.
+    ``without_crop`` counts the phrases for which there is no such map. ``missed``, for the fused map, lists each
+    (seed, phrase) that it was not near. ``episodes`` counts all scenes, ``scene_count`` those with a map.
     """
-    asked, seeds = len({(p.seed, p.phrase) for p in found}), [p.seed for p in found]
+    phrase_count = len({(p.seed, p.phrase) for p in pointings})
+    seeds = [p.seed for p in pointings]
     rows = []
     for name in MAPS:
-        its = [p for p in found if p.map == name]
+        of_map = [p for p in pointings if p.map == name]
         rows.append({
             "kind": "pointing", "scenes": kind, "map": name,
-            NEAR: rate(its, lambda p: p.near), "exact": rate(its, lambda p: p.exact),
-            "episodes": len(set(seeds)), "scene_count": len({p.seed for p in its}),
-            "phrases": len(its), "without_crop": asked - len(its),
-            "missed": [[p.seed, p.phrase] for p in its if not p.near] if name == "fused" else None,
+            NEAR: rate(of_map, lambda p: p.near), "exact": rate(of_map, lambda p: p.exact),
+            "episodes": len(set(seeds)), "scene_count": len({p.seed for p in of_map}),
+            "phrases": len(of_map), "without_crop": phrase_count - len(of_map),
+            "missed": [[p.seed, p.phrase] for p in of_map if not p.near] if name == "fused" else None,
             "seeds": [min(seeds), max(seeds)], **facts, "plateau": semantic_map.PLATEAU,
             "date": datetime.now(UTC).date().isoformat(),
         })  # fmt: skip
@@ -258,7 +258,7 @@ def result_rows(kind: str, found: Sequence[Pointing], facts: dict) -> list[dict]
 def measure_scenes(
     kind: str, scenes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
 ) -> list[dict]:
-    """`play` scenes of a kind with every map, and file the rows in ``path``; see `play` for what is refused."""
+    """`play` scenes of a kind with every map, and file the rows in ``path``. Raises ValueError as `play`."""
     scene_seeds(scenes)
     model = clip.load(clip_name)
     memory = demonstrated_crops(kind, model, settings)
@@ -278,7 +278,7 @@ def measure_packing(
     """`play_packing` and file its row in ``path``.
 
     Raises:
-        ValueError: see `play_packing`, or ``path`` holds a row over more episodes, said before playing.
+        ValueError: see `play_packing`, or ``path`` holds a row over more episodes, which is checked before playing.
     """
     model = clip.load(clip_name)
     facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
@@ -292,8 +292,13 @@ def measure_packing(
 
 def described(row: dict) -> str:
     """A row of `result_rows` in one line."""
-    near, exact = (row[key] and "{mean} {ci95}".format(**row[key]) for key in (NEAR, "exact"))
+    near = _rate_text(row[NEAR])
+    exact = _rate_text(row["exact"])
     return (
         f"{row['scenes']}, {row['map']}: near {near}, exact {exact}, {row['phrases']} phrases, "
         f"{row['without_crop']} more had no crop"
     )
+
+
+def _rate_text(share: dict | None) -> str:
+    return "None" if share is None else "{mean} {ci95}".format(**share)

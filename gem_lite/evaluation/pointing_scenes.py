@@ -1,6 +1,6 @@
-"""Scenes of the pointing game: what lies where, and which phrases ask for it.
+"""Scenes of the pointing game: which bodies lie where, and the phrases that name some of them.
 
-The simulator's poses and masks only score the maps; no map is made with them.
+The simulator's poses and masks only score the maps. No map is made with them.
 """
 
 from __future__ import annotations
@@ -23,24 +23,26 @@ from gem_lite.tasks.spawn import FreeSpace
 LITE = Config.preset("lite")
 KINDS = ("bowls", "shapes")
 """Cluttered put-block-in-bowl scenes, and scenes of kitting pieces; both in the unseen colours."""
-FIRST = 3000
-"""Scene i comes from test seed ``FIRST + i``: evaluations stay below, and calibration uses validation seeds."""
-PIECES, QUESTIONS = 10, 2
-"""How many pieces lie in a scene of shapes, and how many of them are asked for."""
+FIRST_SCENE = 3000
+"""Scene i comes from test seed ``FIRST_SCENE + i``: evaluations stay below, and calibration uses validation seeds."""
+PIECES = 10
+"""How many pieces lie in a scene of shapes."""
+QUESTIONS = 2
+"""How many of these pieces a phrase names."""
 PACKING = ("packing-shapes-seen", "packing-shapes-unseen")
-"""Tasks whose episodes the map can be asked about: what the map alone would pick, as a method's rows."""
+"""Tasks in whose episodes the map alone is measured like a method: what would it pick?"""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A laid-out scene. Only ``views`` may reach a map, the rest is the simulator's truth and scores it.
+    """A laid-out scene. Only ``views`` may reach a map; the rest is the simulator's truth, which scores the map.
 
     Attributes:
-        seed: what the scene was laid out from.
+        seed: everything random in the scene comes from it.
         views: the three cameras' RGB-D pictures.
         above: (H, W) id of the body seen straight from above, per cell of the height map.
-        names: what each body is, such as "red block", by its id.
-        poses: where each body lies, by its id.
+        names: each body's name, such as "red block", by its id.
+        poses: each body's pose, by its id.
         questions: phrases, each with the name of the bodies that it means.
     """
 
@@ -51,13 +53,13 @@ class Scene:
     poses: dict[int, Pose2]
     questions: tuple[tuple[str, str], ...]
 
-    def right(self, name: str) -> list[Pose2]:
+    def poses_of(self, name: str) -> list[Pose2]:
         """The poses of all bodies of that name."""
-        return [self.poses[body] for body, its_name in self.names.items() if its_name == name]
+        return [self.poses[body] for body, body_name in self.names.items() if body_name == name]
 
 
 def lay_out_bowls(world: World, seed: int, settings: Config = LITE) -> Scene:
-    """A put-block-in-bowl scene with its distractors; the instruction's two phrases ask."""
+    """A put-block-in-bowl scene with its distractors; the questions are the instruction's two phrases."""
     task = tasks.make("put-block-in-bowl-unseen-colors", "test")
     views = world.reset(task, seed)[0].views
     queries = language.parse(task.instruction)
@@ -67,10 +69,10 @@ def lay_out_bowls(world: World, seed: int, settings: Config = LITE) -> Scene:
 
 
 def lay_out_shapes(world: World, seed: int, settings: Config = LITE, palette: Sequence[str] = colors.UNSEEN) -> Scene:
-    """`PIECES` kitting pieces at random poses, no two of the same colour and shape; `QUESTIONS` are asked for.
+    """`PIECES` kitting pieces at random poses, no two of the same colour and shape, with `QUESTIONS` questions.
 
     Raises:
-        RuntimeError: a piece finds no free place (never seen).
+        RuntimeError: there is no free place for a piece (this has never happened).
     """
     rng = np.random.default_rng(seed)
     pairs = list(itertools.product(palette, shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES))
@@ -82,21 +84,21 @@ def lay_out_shapes(world: World, seed: int, settings: Config = LITE, palette: Se
         mesh = shapes.piece_mesh(shape)
         pose = free.sample(float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()))
         if pose is None:
-            raise RuntimeError(f"the {color} {shape} found no free place")
+            raise RuntimeError(f"there is no free place for the {color} {shape}")
         names[world.add(shapes.add_mesh(world.client, mesh, colors.rgba(color), pose)).id] = f"{color} {shape}"
     world.settle()
-    asked = rng.choice(list(names.values()), QUESTIONS, replace=False).tolist()
-    return _scene(world, seed, settings, world.observe()[0].views, names, tuple(zip(asked, asked, strict=True)))
+    named = rng.choice(list(names.values()), QUESTIONS, replace=False).tolist()
+    return _scene(world, seed, settings, world.observe()[0].views, names, tuple(zip(named, named, strict=True)))
 
 
 def lay_out_packing(world: World, task_name: str, index: int, settings: Config = LITE) -> Scene:
-    """Test episode ``index`` of one of the `PACKING` tasks, as it begins; the pick's phrase asks for its piece."""
+    """Test episode ``index`` of one of the `PACKING` tasks, as it begins; its question is the pick's phrase."""
     task = tasks.make(task_name, "test")
     seed = tasks.episode_seed("test", index)
     views = world.reset(task, seed)[0].views
     phrase = language.parse(task.instruction).pick
-    wanted = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
-    return _scene(world, seed, settings, views, task.names, ((phrase, wanted),))
+    right_name = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
+    return _scene(world, seed, settings, views, task.names, ((phrase, right_name),))
 
 
 def _scene(
@@ -125,4 +127,4 @@ def scene_seeds(scenes: int) -> list[int]:
     """The seeds of the first ``scenes`` scenes, the same for both kinds."""
     if scenes < 1:
         raise ValueError(f"scenes must be at least 1, got {scenes}")
-    return [tasks.episode_seed("test", FIRST + index) for index in range(scenes)]
+    return [tasks.episode_seed("test", FIRST_SCENE + index) for index in range(scenes)]

@@ -1,4 +1,4 @@
-"""Rows of results: what names one, how they are filed in data/results, and how they are read again."""
+"""Rows of results: which entries identify a row, how rows are filed in data/results, and how they are read."""
 
 from __future__ import annotations
 
@@ -22,45 +22,53 @@ if TYPE_CHECKING:
 RESULTS = clip.DATA / "results"
 """The rows that the lessons draw."""
 RUNS = Path("runs/results")
-"""Rows of runs that nobody asked to file."""
+"""Rows of runs that are not filed."""
 OLD_CAMERA = "home, old camera"
 """The world of rows that were measured while `View.points` was half a pixel off. No registered world has the name."""
-TRAINING = ("demos", "seed", "train_seconds", "train_cpu_seconds", "hardware", "data_sha256", "demonstrations_world")
-"""What a row holds of a checkpoint's card as it is; None for what is not trained or what an old card lacks."""
+CARD_ENTRIES = (
+    "demos",
+    "seed",
+    "train_seconds",
+    "train_cpu_seconds",
+    "hardware",
+    "data_sha256",
+    "demonstrations_world",
+)
+"""Entries that a row copies from a checkpoint's card; None without a checkpoint, or where an old card lacks one."""
 IDENTITY = (
     "method", "task", "subset", "world", "split", "start", "demos", "data_sha256", "seed", "steps", "config",
     "config_hash", "clip_fingerprint", "checkpoint_sha256",
 )  # fmt: skip
-"""What names a row of a policy's results: everything that changes its meaning but for the number of episodes."""
-TRAINED = ("seed", "checkpoint_sha256")
-"""Where the rows of one `Cell` may differ: it holds several trainings."""
+"""The entries that identify a row: all that change its meaning, except the number of episodes."""
+DIFFER_BY_SEED = ("seed", "checkpoint_sha256")
+"""Entries in which the rows of one `Score` may differ, since it holds several training seeds."""
 
 
 # Writing
 
 
 def facts_of(card: dict | None, settings: Config | None) -> dict:
-    """What a row says of the policy. All values are None where they do not apply.
+    """The entries of a row that describe the policy. A value is None where it does not apply.
 
     Args:
-        card: of the checkpoint (`checkpoints.read_card`); None for what is not trained.
-        settings: the configuration; None for what does not depend on one.
+        card: of the checkpoint (`checkpoints.read_card`); None if nothing was trained.
+        settings: the configuration; None if the method does not depend on one.
     """
-    trained = card or {}
-    model = trained.get("clip", {})
+    entries = card or {}
+    model = entries.get("clip", {})
     return {
-        **{name: trained.get(name) for name in TRAINING},
+        **{name: entries.get(name) for name in CARD_ENTRIES},
         "steps": settings.steps if settings and card else None,
         "config": settings.name if settings else None,
         "config_hash": settings.digest if settings else None,
         "clip": model.get("name"),
         "clip_fingerprint": model.get("fingerprint"),
-        "checkpoint_sha256": trained.get("sha256"),
+        "checkpoint_sha256": entries.get("sha256"),
     }
 
 
-def scored(rewards: dict[int, float]) -> dict:
-    """The last part of a row: every episode's reward by its index, their mean with its interval, and the date."""
+def reward_entries(rewards: dict[int, float]) -> dict:
+    """The last entries of a row: every episode's reward by its index, their mean with its interval, and the date."""
     mean, interval = statistics.mean_and_interval(list(rewards.values()))
     return {
         "episodes": len(rewards), "mean": mean, "ci95": list(interval), "interval": statistics.INTERVAL,
@@ -69,18 +77,18 @@ def scored(rewards: dict[int, float]) -> dict:
     }  # fmt: skip
 
 
-def result_row(method: str, task_name: str, found: Sequence[Episode], subset: str, facts: dict) -> dict:
-    """One row: ``facts`` holds the rest of what names it, see `facts_of`.
+def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset: str, facts: dict) -> dict:
+    """One row. ``facts`` holds the other entries that identify it, see `facts_of`.
 
-    ``placed_decisions`` counts actions chosen while a body already lay where the sentences want it, ``retaken`` those
-    of them that picked such a body.
+    ``placed_decisions`` counts the actions that were chosen while a body already lay where the sentences want it.
+    ``retaken`` counts those of them that picked such a body.
     """
-    named = {"method": method, "task": task_name, "subset": subset}
-    counted = {
-        "placed_decisions": sum(episode.placed_decisions for episode in found),
-        "retaken": sum(episode.retaken for episode in found),
+    names = {"method": method, "task": task_name, "subset": subset}
+    counts = {
+        "placed_decisions": sum(episode.placed_decisions for episode in episodes),
+        "retaken": sum(episode.retaken for episode in episodes),
     }
-    return named | facts | counted | scored({episode.index: episode.reward for episode in found})
+    return names | facts | counts | reward_entries({episode.index: episode.reward for episode in episodes})
 
 
 def results_file(task_name: str) -> Path:
@@ -89,12 +97,12 @@ def results_file(task_name: str) -> Path:
 
 
 def output(filed: bool, path: Path | None, name: str) -> Path:
-    """Where rows go: to ``path`` if there is one, else to ``name`` among the ``filed`` rows or among `RUNS`."""
+    """The file for rows: ``path`` if it is given, else ``name`` in `RESULTS` if ``filed``, else ``name`` in `RUNS`."""
     return path or (RESULTS if filed else RUNS) / f"{name}.jsonl"
 
 
 def read_rows(path: Path) -> list[dict]:
-    """The rows of a JSON-lines file; none if there is no such file. Raises ValueError with the line that is no row."""
+    """The rows of a JSON-lines file; none if there is no such file. Raises ValueError naming a line that is no row."""
     lines = path.read_bytes().splitlines() if path.exists() else []
     rows = [read_json(line, f"line {number} of {path}") for number, line in enumerate(lines, start=1)]
     for number, row in enumerate(rows, start=1):
@@ -112,30 +120,30 @@ def _key(row: dict, identity: Sequence[str]) -> tuple:
 
 
 def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
-    """Whether ``path`` would take the rows. They need ``identity`` and the number of ``episodes``, nothing else.
+    """Check that rows may be filed in ``path``. They need ``identity`` and the number of ``episodes``, nothing else.
 
     Raises:
-        ValueError: a row lacks a part of its name, or one over more episodes is there.
+        ValueError: a row lacks an entry of ``identity``, or the file holds such a row over more episodes.
     """
     filed = {_key(row, identity): row for row in read_rows(path)}
     for row in rows:
-        named = ", ".join(f"{name} {row[name]}" for name in identity if row.get(name) is not None)
-        lacking = [name for name in identity if name not in row]
-        if lacking:
-            raise ValueError(f"the row ({named}) lacks {', '.join(lacking)}: measure it again with this version")
+        row_name = ", ".join(f"{name} {row[name]}" for name in identity if row.get(name) is not None)
+        missing = [name for name in identity if name not in row]
+        if missing:
+            raise ValueError(f"the row ({row_name}) lacks {', '.join(missing)}: measure it again with this version")
         old = filed.get(_key(row, identity))
         if old and row["episodes"] < old.get("episodes", 0):
             raise ValueError(
-                f"{path} holds a row over {old['episodes']} episodes ({named}), which one over {row['episodes']} "
+                f"{path} holds a row over {old['episodes']} episodes ({row_name}), which one over {row['episodes']} "
                 f"does not replace: run at least {old['episodes']} episodes, or write to another file with --out"
             )
 
 
 def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
-    """Append rows to a JSON-lines file; a row that agrees in all of ``identity`` and is not longer is replaced.
+    """Append rows to a JSON-lines file. An old row with the same ``identity`` is replaced.
 
     Raises:
-        ValueError: see `check_rows`; then nothing is written.
+        ValueError: see `check_rows`; nothing is written then.
     """
     check_rows(rows, path, identity)
     new_keys = {_key(row, identity) for row in rows}
@@ -147,13 +155,13 @@ def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTI
 
 
 @dataclass(frozen=True)
-class Cell:
+class Score:
     """What a method scored on episodes of a task.
 
     Attributes:
         rewards: (training seeds, episodes) in [0, 1].
         mean, interval: 0-100, with 95 %, over episodes and seeds (`statistics.mean_and_interval`).
-        cpu_seconds: of one training, the mean over seeds; None for what is not trained.
+        cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
         episodes: the episodes' indices.
     """
 
@@ -167,90 +175,93 @@ class Cell:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
 
 
-def paired_difference(one: Cell, other: Cell) -> statistics.Difference:
-    """What ``one`` scored more than ``other`` on the same episodes, see `statistics.paired_difference`.
+def paired_difference(first: Score, second: Score) -> statistics.Difference:
+    """How much higher ``first`` is than ``second`` on the same episodes, see `statistics.paired_difference`.
 
     Raises:
-        ValueError: the cells are of different episodes.
+        ValueError: the scores are of different episodes.
     """
-    if one.episodes != other.episodes:
+    if first.episodes != second.episodes:
         raise ValueError(
-            f"one and other must be of the same episodes, got {_span(one.episodes)} and {_span(other.episodes)}"
+            f"first and second must be of the same episodes, got {_span(first.episodes)} and {_span(second.episodes)}"
         )
-    return statistics.paired_difference(one.rewards, other.rewards)
+    return statistics.paired_difference(first.rewards, second.rewards)
 
 
 def _span(episodes: Sequence[int]) -> str:
     return f"{len(episodes)} episodes ({episodes[0]} to {episodes[-1]})"
 
 
-def pool(rows: Sequence[dict], episodes: int | None = None, identity: Sequence[str] = IDENTITY) -> Cell:
-    """Rows of several training seeds as one cell.
+def pool(rows: Sequence[dict], episodes: int | None = None, identity: Sequence[str] = IDENTITY) -> Score:
+    """Rows of several training seeds as one score.
 
     Args:
-        rows: at least one. They may differ in `TRAINED` alone.
-        episodes: only the first so many.
+        rows: at least one. They may differ in `DIFFER_BY_SEED` only.
+        episodes: how many of the first episodes to keep; all of them by default.
 
     Raises:
-        LookupError: the rows differ in more, two are of the same seed, or they are not of the same episodes.
+        LookupError: the rows differ in other entries, two are of the same seed, or their episodes differ.
     """
-    named = "{method} on {task}".format(**rows[0])
+    pair = "{method} on {task}".format(**rows[0])
     for name in identity:
         values = list(dict.fromkeys(row.get(name) for row in rows))
-        if len(values) > 1 and name not in TRAINED:
-            raise LookupError(f"rows of {named} differ in {name}: {', '.join(map(str, values))}; ask for one of them")
+        if len(values) > 1 and name not in DIFFER_BY_SEED:
+            raise LookupError(f"rows of {pair} differ in {name}: {', '.join(map(str, values))}; ask for one of them")
     seeds = [row["seed"] for row in rows]
     if len(set(seeds)) < len(seeds):
-        different = ", ".join(str(row["checkpoint_sha256"])[:12] for row in rows)
+        checkpoints = ", ".join(str(row["checkpoint_sha256"])[:12] for row in rows)
         raise LookupError(
-            f"there are several rows of {named} with the same training seed, of the checkpoints {different}: "
+            f"there are several rows of {pair} with the same training seed, of the checkpoints {checkpoints}: "
             "ask for one with checkpoint_sha256, or remove the others"
         )
-    played = [sorted(map(int, row["rewards"]))[:episodes] for row in rows]
-    if any(indices != played[0] for indices in played):
-        raise LookupError(f"the rows of {named} are of different episodes")
-    if episodes and len(played[0]) < episodes:
-        raise LookupError(f"the rows of {named} have {len(played[0])} episodes, not {episodes}")
-    rewards = np.array([[row["rewards"][str(index)] for index in played[0]] for row in rows])
+    indices_of_rows = [sorted(map(int, row["rewards"]))[:episodes] for row in rows]
+    indices = indices_of_rows[0]
+    if any(other != indices for other in indices_of_rows):
+        raise LookupError(f"the rows of {pair} are of different episodes")
+    if episodes and len(indices) < episodes:
+        raise LookupError(f"the rows of {pair} have {len(indices)} episodes, not {episodes}")
+    rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
     seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
     mean, interval = statistics.mean_and_interval(rewards)
-    return Cell(rewards, mean, interval, float(np.mean(seconds)) if seconds else None, tuple(played[0]))
+    return Score(rewards, mean, interval, float(np.mean(seconds)) if seconds else None, tuple(indices))
 
 
-def select(rows: Sequence[dict], wanted: dict, shown: Sequence[str]) -> list[dict]:
-    """The rows that agree with ``wanted``.
+def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:
+    """The rows that have all entries of ``required``.
 
     Raises:
-        LookupError: there are none; the message lists the values of ``shown`` that the task's rows have.
+        LookupError: there are none; the message lists the entries ``shown`` of the task's rows.
     """
-    found = [row for row in rows if wanted.items() <= row.items()]
-    if found:
-        return found
-    asked = ", ".join(f"{name} {value}" for name, value in wanted.items())
-    of_task = [row for row in rows if row.get("task") == wanted["task"]]
-    near = [row for row in of_task if row.get("method") == wanted["method"]] or of_task
-    there = dict.fromkeys(", ".join(f"{name} {row.get(name)}" for name in shown) for row in near)
-    raise LookupError(f"there is no row with {asked}. There are: {'; '.join(there) or 'none of this task'}")
+    matches = [row for row in rows if required.items() <= row.items()]
+    if matches:
+        return matches
+    request = ", ".join(f"{name} {value}" for name, value in required.items())
+    alternatives = [row for row in rows if row.get("task") == required["task"]]
+    of_method = [row for row in alternatives if row.get("method") == required["method"]]
+    if of_method:
+        alternatives = of_method
+    available = dict.fromkeys(", ".join(f"{name} {row.get(name)}" for name in shown) for row in alternatives)
+    raise LookupError(f"there is no row with {request}. There are: {'; '.join(available) or 'none of this task'}")
 
 
-def cell(
+def score(
     method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = Config.steps,
     world: str = "home", **more: object,
-) -> Cell:  # fmt: skip
+) -> Score:  # fmt: skip
     """The filed rows of a method on the test episodes from the first on, pooled over training seeds.
 
     Args:
-        demos: demonstrations it was trained on; None for what is not trained.
-        episodes: only the first so many, to compare with a cell that has fewer.
+        demos: how many demonstrations it was trained on; None if nothing was trained.
+        episodes: how many of the first episodes to keep, to compare with a score that has fewer; all by default.
         steps: of its training.
         world: where it was measured: a world's name, or `OLD_CAMERA`.
         more: other entries of the rows with their values, such as ``demonstrations_world="varied"``, where rows
             differ in more than the training seed.
 
     Raises:
-        LookupError: there is no such row (the message says which there are), or see `pool`.
+        LookupError: there is no such row (the message lists the rows of the task), or see `pool`.
     """
-    wanted = {"method": method, "task": task, "demos": demos, "world": world, "split": "test", "start": 0}
-    wanted |= {"subset": "all"} | ({"steps": steps} if demos else {}) | more
+    required = {"method": method, "task": task, "demos": demos, "world": world, "split": "test", "start": 0}
+    required |= {"subset": "all"} | ({"steps": steps} if demos else {}) | more
     shown = ("method", "demos", "steps", "world", *more)
-    return pool(select(read_rows(results_file(task)), wanted, shown), episodes)
+    return pool(select(read_rows(results_file(task)), required, shown), episodes)

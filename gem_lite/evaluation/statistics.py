@@ -1,4 +1,4 @@
-"""Means of rewards with 95 % intervals that hold near 0 and near 100 too, and differences of two methods."""
+"""Means of rewards with 95 % intervals that are valid near 0 and near 100 too, and differences of two methods."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ INTERVAL = "Gaffke"
 TAIL = 0.025
 """How often the mean may lie below an interval, and how often above it."""
 DRAWS = 20_000
+"""Random draws of a weighted mean."""
 BLOCK = 128
 """Episodes whose weights are drawn at once, so that memory does not grow with their number."""
 
@@ -77,19 +78,19 @@ def _weighted_means(values: np.ndarray, low: float, high: float) -> tuple[np.nda
     return (total + low * additional) / weights, (total + high * additional) / weights
 
 
-def seed_reach(*methods: np.ndarray) -> float:
+def seed_half_width(*methods: np.ndarray) -> float:
     """Half the width of Welch's 95 % interval over the training seeds' means, of one method or of a difference of two.
 
-    A method with a single seed shows no spread of seeds: it adds nothing.
+    A method with a single seed adds nothing, since it shows no spread of seeds.
 
     Args:
         methods: each (training seeds, episodes).
     """
-    several = [rewards.mean(axis=1) for rewards in methods if len(rewards) > 1]
-    variances = np.array([means.var(ddof=1) / len(means) for means in several])
+    seed_means = [rewards.mean(axis=1) for rewards in methods if len(rewards) > 1]
+    variances = np.array([means.var(ddof=1) / len(means) for means in seed_means])
     if variances.sum() == 0:
         return 0.0
-    freedom = np.array([len(means) - 1 for means in several])
+    freedom = np.array([len(means) - 1 for means in seed_means])
     degrees = variances.sum() ** 2 / (variances**2 / freedom).sum()
     return float(stats.t.ppf(1 - TAIL, degrees) * np.sqrt(variances.sum()))
 
@@ -104,9 +105,9 @@ def _check(rewards: ArrayLike) -> np.ndarray:
     return rewards
 
 
-def _widened(mean: float, ends: tuple[float, float], reach: float) -> tuple[float, float]:
-    """An interval around ``mean`` with an independent reach added to both sides: the squares add up."""
-    return mean - float(np.hypot(mean - ends[0], reach)), mean + float(np.hypot(ends[1] - mean, reach))
+def _widened(mean: float, ends: tuple[float, float], half_width: float) -> tuple[float, float]:
+    """An interval around ``mean``, widened by an independent half width on both sides: the squares add up."""
+    return mean - float(np.hypot(mean - ends[0], half_width)), mean + float(np.hypot(ends[1] - mean, half_width))
 
 
 def _percent(share: float) -> float:
@@ -119,7 +120,7 @@ def mean_and_interval(rewards: ArrayLike) -> tuple[float, tuple[float, float]]:
 
     One training seed: `bounded_interval` over the episodes. It says nothing about other seeds.
     Several seeds: that interval for the seeds' mean reward in each episode, widened by Student's interval
-    for the seeds' mean over all episodes (`seed_reach`). The squares of the two parts add up on each side, as
+    for the seeds' mean over all episodes (`seed_half_width`). The squares of the two parts add up on each side, as
     in Zou and Donner, "Construction of confidence limits about effect measures: a general approach"
     (Statistics in Medicine, 2008). Chance that belongs to one seed in one episode counts in both parts, so
     that the interval is rather too wide. Two or three equal seeds show no spread, which does not mean that
@@ -133,13 +134,13 @@ def mean_and_interval(rewards: ArrayLike) -> tuple[float, tuple[float, float]]:
     """
     rewards = _check(rewards)
     mean = float(rewards.mean())
-    low, high = _widened(mean, bounded_interval(rewards.mean(axis=0), 0.0, 1.0), seed_reach(rewards))
+    low, high = _widened(mean, bounded_interval(rewards.mean(axis=0), 0.0, 1.0), seed_half_width(rewards))
     return _percent(mean), (_percent(max(low, 0.0)), _percent(min(high, 1.0)))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What one method scored more than another on the same episodes.
+    """How much higher one method scored than another on the same episodes.
 
     Attributes:
         mean, interval: of the difference (-100 to 100), with 95 %.
@@ -158,29 +159,30 @@ class Difference:
         return f"{text}, {self.seeds[0]} and {self.seeds[1]} training seeds"
 
 
-def paired_difference(one: ArrayLike, other: ArrayLike) -> Difference:
-    """The mean of ``one`` minus ``other`` with its 95 % interval.
+def paired_difference(first: ArrayLike, second: ArrayLike) -> Difference:
+    """The mean of ``first`` minus ``second`` with its 95 % interval.
 
-    Sharper than comparing two intervals: what makes an episode hard is hard for both. The interval is that of
+    This is sharper than comparing two intervals, since a hard episode is hard for both methods. The interval is that of
     `mean_and_interval`: `bounded_interval` over the episodes' differences, which lie in [-1, 1], widened by
-    the seeds' (`seed_reach`). The seeds of two methods are not paired.
+    the seeds' (`seed_half_width`). The seeds of two methods are not paired.
 
     Args:
-        one, other: rewards in [0, 1], (episodes,) or (training seeds, episodes), of the same episodes in the
+        first, second: rewards in [0, 1], (episodes,) or (training seeds, episodes), of the same episodes in the
             same order.
 
     Raises:
         ValueError: a wrong shape, rewards outside [0, 1], or different numbers of episodes.
     """
-    first = _check(one)
-    second = _check(other)
-    if first.shape[1] != second.shape[1]:
-        raise ValueError(f"one and other must be of the same episodes, got {first.shape[1]} and {second.shape[1]}")
-    for name, rewards in (("one", first), ("other", second)):
+    first_rewards = _check(first)
+    second_rewards = _check(second)
+    counts = first_rewards.shape[1], second_rewards.shape[1]
+    if counts[0] != counts[1]:
+        raise ValueError(f"first and second must be of the same episodes, got {counts[0]} and {counts[1]}")
+    for name, rewards in (("first", first_rewards), ("second", second_rewards)):
         if not (rewards.min() >= 0 and rewards.max() <= 1):
             raise ValueError(f"{name} must lie in [0, 1], got {rewards.min()} to {rewards.max()}")
-    more = first.mean(axis=0) - second.mean(axis=0)
-    mean = float(more.mean())
-    low, high = _widened(mean, bounded_interval(more, -1.0, 1.0), seed_reach(first, second))
+    differences = first_rewards.mean(axis=0) - second_rewards.mean(axis=0)
+    mean = float(differences.mean())
+    low, high = _widened(mean, bounded_interval(differences, -1.0, 1.0), seed_half_width(first_rewards, second_rewards))
     interval = (_percent(max(low, -1.0)), _percent(min(high, 1.0)))
-    return Difference(_percent(mean), interval, (len(first), len(second)))
+    return Difference(_percent(mean), interval, (len(first_rewards), len(second_rewards)))

@@ -31,25 +31,25 @@ def run_jobs(
     run: Callable[[Job], list[Outcome]], jobs: Sequence[Job], reward: Callable[[Outcome], float], label: str,
     episodes: int, processes: int | None = None,
 ) -> list[Outcome]:  # fmt: skip
-    """The outcomes of all jobs, in their order, with a bar of progress.
+    """The outcomes of all jobs, in their order, with a progress bar.
 
     Each process first imports every module that has registered something here (`registry.modules`), so that it knows
-    tasks, methods and tools from outside the library, too. What a notebook's own cell registers is in no module: the
-    processes do not know it.
+    tasks, methods and tools from outside the library, too. A notebook's cell is no module: the processes do not know
+    what it registers.
 
     Args:
-        run: does one job; a function of a module.
-        jobs: what it is given, each a part of the episodes.
-        reward: of an outcome, for the running mean.
-        label: of the bar.
-        episodes: how many there are in all.
-        processes: how many run at once; one a core unless given.
+        run: does one job; it must be a function of a module.
+        jobs: the arguments of ``run``, each for a part of the episodes.
+        reward: gives an outcome's reward, for the running mean.
+        label: the progress bar's text.
+        episodes: the number of all episodes.
+        processes: how many run at once; by default as many as there are cores.
     """
     count = min(processes or os.cpu_count() or 1, len(jobs))
-    spawning = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("spawn")
     outcomes: list[Outcome] = []
     with (
-        spawning.Pool(count, _start, (registry.modules(),)) as pool,
+        context.Pool(count, _start, (registry.modules(),)) as pool,
         tqdm(total=episodes, desc=label, unit="episode") as bar,
     ):
         for part in pool.imap(run, jobs):

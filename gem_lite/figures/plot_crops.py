@@ -1,4 +1,4 @@
-"""Drawings of lesson 03: the demonstrations' crops, and what is retrieved by a phrase."""
+"""Drawings of lesson 03: the demonstrations' crops, and the crops that a phrase retrieves."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from gem_lite.simulation.floating_tool import LOG_EVERY, RATE
 
 
 def show_trace(trace: Sequence[GripperState], events: Sequence[tuple[str, Pose2]], heightmap: HeightMap) -> Figure:
-    """A gripper's way over the table and its holding signal over time, with the events that its edges mark."""
-    w, tint = heightmap.workspace, {"pick": PICK_COLOR, "place": PLACE_COLOR}
+    """A gripper's path over the table, and its holding signal over time with the events at its edges."""
+    w = heightmap.workspace
+    event_colors = {"pick": PICK_COLOR, "place": PLACE_COLOR}
     fig, axes = plt.subplots(1, 2, figsize=(8.6, 4.6), width_ratios=[1, 2.4], layout="constrained")
     bare(axes[0], "over the table").imshow(heightmap.rgb)
     rows, cols = w.to_pixel(np.array([s.x for s in trace]), np.array([s.y for s in trace]))
@@ -26,7 +27,7 @@ def show_trace(trace: Sequence[GripperState], events: Sequence[tuple[str, Pose2]
     axes[0].plot(cols, rows, color="0.75", lw=1, ls="--", label="empty")
     axes[0].plot(cols[holding], rows[holding], color="white", lw=2, label="holding")
     for kind, pose in events:
-        draw_gripper(axes[0], pose, w, tint[kind], kind)
+        draw_gripper(axes[0], pose, w, event_colors[kind], kind)
     axes[0].set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
     axes[0].legend(
         fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=2, facecolor="0.5", labelcolor="white"
@@ -35,7 +36,7 @@ def show_trace(trace: Sequence[GripperState], events: Sequence[tuple[str, Pose2]
     axes[1].step(seconds, holding, where="post", color="0.3", lw=2)
     edges = np.flatnonzero(np.diff(holding)) + 1
     for edge, (kind, _) in zip(edges, events, strict=True):
-        axes[1].axvline(seconds[edge], color=tint[kind], lw=2, label=f"{kind} at {seconds[edge]:.1f} s")
+        axes[1].axvline(seconds[edge], color=event_colors[kind], lw=2, label=f"{kind} at {seconds[edge]:.1f} s")
     axes[1].set(xlabel="seconds", yticks=[0, 1], yticklabels=["empty", "holding"], ylim=(-0.15, 1.15))
     axes[1].set_title("what the suction tool says of itself", fontsize=9)
     axes[1].legend(fontsize=8, loc="center right")
@@ -59,7 +60,7 @@ def show_crops(crops: Sequence[tuple[str, np.ndarray]], columns: int = 10, supti
 
 
 def show_precision_recall(same: np.ndarray, other: np.ndarray, threshold: float) -> Figure:
-    """Cosines of phrases that mean the same (N,) and of others (M,): histograms, and what thresholds make of them."""
+    """Cosines of phrases that mean the same (N,) and of others (M,): histograms, and precision and recall."""
     fig, axes = plt.subplots(1, 2, figsize=(9.4, 3.4), layout="constrained")
     bins = np.linspace(min(same.min(), other.min()), 1, 45)
     axes[0].hist(other, bins, color="C7", alpha=0.8, label=f"{len(other)} pairs that mean something else")
@@ -79,13 +80,15 @@ def show_precision_recall(same: np.ndarray, other: np.ndarray, threshold: float)
 
 
 def show_synonyms(stored: dict[str, dict[str, float]], threshold: float, title: str = "") -> Figure:
-    """Figure A8: stored phrases (yellow), queries and their cosines around them; purple counts as a synonym."""
+    """Figure A8: stored phrases (yellow), with queries and their cosines around them; synonyms are purple."""
     fig, axes = plt.subplots(1, len(stored), figsize=(4.4 * len(stored), 4.3), layout="constrained")
     box = {"boxstyle": "round,pad=0.35", "ec": "0.4", "lw": 0.8}
     for ax, (phrase, queries) in zip(np.atleast_1d(axes), stored.items(), strict=True):
         angles = np.pi / 2 + 2 * np.pi * np.arange(len(queries)) / len(queries)
         for angle, (query, cosine) in zip(angles, queries.items(), strict=True):
-            x, y, near = np.cos(angle), np.sin(angle), cosine >= threshold
+            x = np.cos(angle)
+            y = np.sin(angle)
+            near = cosine >= threshold
             ax.plot([0, x], [0, y], color="#8e44ad" if near else "0.75", lw=2 if near else 1, zorder=1)
             ax.text(x, y, query, ha="center", va="center", fontsize=9, bbox={"fc": "#d7bde2" if near else "w", **box})
             ax.text(
@@ -116,7 +119,7 @@ class Comparison:
 
 
 def show_comparison(rows: Sequence[Comparison], pixel: float, suptitle: str = "") -> Figure:
-    """Figure A1: a row a phrase, with its crop, the scene, its maps, where each points (cross), and the truth (circle).
+    """Figure A1: for each phrase its crop, the scene and its maps; a cross where a map points, a circle at the truth.
 
     Args:
         pixel: side of a cell (m).
@@ -132,10 +135,10 @@ def show_comparison(rows: Sequence[Comparison], pixel: float, suptitle: str = ""
         for ax, (name, semantic) in zip(axs[2:], row.maps.items(), strict=True):
             r, c = row.pointed[name]
             distance = 1000 * pixel * np.hypot(r - row.target[0], c - row.target[1])
-            shown = bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+            map_image = bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
             ax.plot(c, r, "x", color="#19c819", ms=8, mew=2)
         for ax in axs[1:]:
             ax.plot(row.target[1], row.target[0], "o", ms=13, mfc="none", mec="white", mew=1.2)
-    fig.colorbar(shown, ax=axes, shrink=0.5, aspect=40, label="0: typical cell, 1: typical match")
+    fig.colorbar(map_image, ax=axes, shrink=0.5, aspect=40, label="0: typical cell, 1: typical match")
     fig.suptitle(suptitle, fontsize=10)
     return fig

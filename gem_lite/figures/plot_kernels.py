@@ -25,9 +25,9 @@ def show_kernels(rows: Sequence[Sequence[tuple[str, torch.Tensor]]], suptitle: s
     )  # fmt: skip
     for ax in axes.flat:
         ax.axis("off")
-    for line, row in zip(axes, rows, strict=True):
+    for row_axes, row in zip(axes, rows, strict=True):
         top = max(float(kernel.abs().max()) for _, kernel in row)
-        for ax, (title, kernel) in zip(line, row, strict=False):
+        for ax, (title, kernel) in zip(row_axes, row, strict=False):
             ax.axis("on")
             bare(ax, title).imshow(kernel, cmap=SIGNED, vmin=-top, vmax=top)
     fig.suptitle(suptitle, fontsize=10)
@@ -50,14 +50,14 @@ def show_signals(x: np.ndarray, panels: Sequence[tuple[str, dict[str, np.ndarray
 
 
 def show_errors(panels: Sequence[tuple[str, dict[str, np.ndarray]]]) -> Figure:
-    """For each panel, named errors (n,), one for each g_j, over its angle; logarithmic, one scale for all."""
+    """For each panel, named errors (n,) over the angle of each g_j, on one logarithmic scale for all panels."""
     fig, axes = plt.subplots(
         1, len(panels), figsize=(4.3 * len(panels), 3.3), sharey=True, squeeze=False, layout="constrained"
     )
     for ax, (title, curves) in zip(axes[0], panels, strict=True):
         for i, (name, errors) in enumerate(curves.items()):
             degrees = 360 * np.arange(len(errors)) / len(errors)
-            # Exact zeros (the identity, often) are drawn at the axis.
+            # Exact zeros (often the identity's) are drawn at the axis.
             ax.semilogy(degrees, np.maximum(errors, 1e-17), "os^Dv"[i % 5] + "-", ms=4, lw=1, label=name)
         ax.set_title(title, fontsize=9)
         ax.set(xlabel="the turn g (degrees)", xticks=[0, 90, 180, 270, 360], ylim=(5e-18, 5))
@@ -79,10 +79,10 @@ def show_picks(panels: Sequence[tuple[str, np.ndarray, tuple[float, float, float
 
 
 def show_table_of_errors(errors: np.ndarray, title: str, xlabel: str, ylabel: str) -> Figure:
-    """(n, n) errors over two independent turns, each square with its logarithm to base 10."""
+    """Errors (n, n) over two independent turns, as logarithms to base 10."""
     fig, ax = plt.subplots(figsize=(4.6, 3.8), layout="constrained")
     logs = np.log10(np.maximum(errors, 1e-17))
-    shown = ax.imshow(logs, cmap="viridis", vmin=-8, vmax=0)
+    image = ax.imshow(logs, cmap="viridis", vmin=-8, vmax=0)
     quarters = range(0, len(errors), max(1, len(errors) // 4))
     degrees = [f"{360 * j / len(errors):.0f}°" for j in quarters]
     ax.set_xticks(quarters, degrees)
@@ -90,5 +90,5 @@ def show_table_of_errors(errors: np.ndarray, title: str, xlabel: str, ylabel: st
     ax.set_xlabel(xlabel)
     ax.set_ylabel(ylabel)
     ax.set_title(title, fontsize=9)
-    fig.colorbar(shown, ax=ax, label="log10 of the relative error")
+    fig.colorbar(image, ax=ax, label="log10 of the relative error")
     return fig

@@ -10,7 +10,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gem_lite.evaluation.results import Cell
+from gem_lite.evaluation.results import Score
 from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.several_tables import MobileChoice, stitch
 from gem_lite.rgbd.camera import View
@@ -25,7 +25,8 @@ def draw_seams(ax: Axes, count: int, width: int) -> None:
 
 def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
     """The tables and the stitched action maps of pick and place: one scale, one best action over all tables."""
-    workspace, count = choice.heightmaps[0].workspace, len(choice.heightmaps)
+    workspace = choice.heightmaps[0].workspace
+    count = len(choice.heightmaps)
     width = workspace.shape[1]
     fig, (axes, bars) = plt.subplots(
         2, 5, figsize=(2.1 * count * 2 + 3.5, 3.6), height_ratios=(20, 1), layout="constrained", dpi=80
@@ -39,16 +40,18 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
     for number, (role, query, logits, table, pose, color) in enumerate(roles):
         shifted = Pose2(pose.x + table * width * workspace.pixel, pose.y, pose.yaw)
         draw_gripper(axes[0], shifted, workspace, color)
-        seen = bare(axes[1 + 2 * number], f"semantic map\n{query}").imshow(
+        semantic_image = bare(axes[1 + 2 * number], f"semantic map\n{query}").imshow(
             np.hstack(choice.inputs.maps[role][:, 0].numpy()), cmap=MAP_COLORS, vmin=0, vmax=1, interpolation="nearest"
         )
         stitched = action_map(stitch(torch.from_numpy(logits)).numpy())
         ax = bare(axes[2 + 2 * number], f"{role}: stitched action map")
-        scored = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
+        action_image = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
         ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
-        fig.colorbar(seen, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match")
-        fig.colorbar(scored, bars[2 + 2 * number], orientation="horizontal", label="logit - best logit")
+        fig.colorbar(
+            semantic_image, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match"
+        )
+        fig.colorbar(action_image, bars[2 + 2 * number], orientation="horizontal", label="logit - best logit")
     for ax in axes:
         draw_seams(ax, count, width)
         ax.set(xlim=(-0.5, count * width - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
@@ -57,25 +60,25 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
 
 
 def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspace: Workspace) -> Figure:
-    """The body camera's picture with a tag's corners (4, 2), and by how many millimetres (H, W) each point is off."""
+    """The body camera's picture with a tag's corners (4, 2), and the error ``away`` (H, W) of each point (mm)."""
     fig, axes = plt.subplots(1, 2, figsize=(8.4, 3.8), width_ratios=(2, 1), layout="constrained")
     bare(axes[0], "body camera; the tag's corners as found").imshow(view.rgb)
     axes[0].plot(*np.concatenate([corners, corners[:1]]).T, color="#00e5ff", lw=1.5)
     for number, (x, y) in enumerate(corners):
         axes[0].text(x, y, str(number), color="#ff5252", fontsize=11, fontweight="bold")
     extent = (workspace.x_min, workspace.x_max, workspace.y_min, workspace.y_max)
-    shown = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
+    error_image = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
     axes[1].text(workspace.x_max, (workspace.y_min + workspace.y_max) / 2, " tag", rotation=90, va="center")
     axes[1].set(xlabel="x (m)", ylabel="y (m)", title="how far off a point of the table is thought to be")
     axes[1].title.set_fontsize(9)
-    fig.colorbar(shown, ax=axes[1], label="mm off")
+    fig.colorbar(error_image, ax=axes[1], label="mm off")
     return fig
 
 
-def _draw_cells(ax: Axes, at: np.ndarray, cells: Sequence[Cell], style: str, label: str = "") -> None:
+def _draw_scores(ax: Axes, at: np.ndarray, scores: Sequence[Score], style: str, label: str = "") -> None:
     """Means with 95 % intervals over ``at``."""
-    means = np.array([cell.mean for cell in cells])
-    ends = np.array([cell.interval for cell in cells]).T
+    means = np.array([score.mean for score in scores])
+    ends = np.array([score.interval for score in scores]).T
     reach = np.clip([means - ends[0], ends[1] - means], 0, None)
     ax.errorbar(at, means, reach, fmt=style, ms=5, capsize=3, label=label or None)
     ax.set(ylim=(-3, 103))
@@ -83,25 +86,25 @@ def _draw_cells(ax: Axes, at: np.ndarray, cells: Sequence[Cell], style: str, lab
 
 
 def show_error_curves(
-    curves: dict[str, dict[str, dict[float, Cell]]], robot: dict[str, Cell], title: str = ""
+    curves: dict[str, dict[str, dict[float, Score]]], robot: dict[str, Score], title: str = ""
 ) -> Figure:  # fmt: skip
     """Success against the error of the tables' poses: a panel for each kind of error, a line for each task.
 
     Args:
-        curves: label of the error to task to its size to cell.
-        robot: what a robot scored whose error is not known, by task: a narrow panel of its own.
+        curves: label of the error to task to its size to score.
+        robot: the scores, by task, of a robot whose error is not known; they have a narrow panel.
     """
     widths = [4.4] * len(curves) + [1.6]
     fig, axes = plt.subplots(
         1, len(widths), figsize=(sum(widths), 3.6), width_ratios=widths, sharey=True, layout="constrained"
     )
     for ax, (label, lines) in zip(axes, curves.items(), strict=False):
-        for name, cells in lines.items():
-            sizes = sorted(cells)
-            _draw_cells(ax, np.array(sizes), [cells[size] for size in sizes], "o-", name)
+        for name, scores in lines.items():
+            sizes = sorted(scores)
+            _draw_scores(ax, np.array(sizes), [scores[size] for size in sizes], "o-", name)
         ax.set(xlabel=label)
-    for number, cell in enumerate(robot.values()):
-        _draw_cells(axes[-1], np.array([number]), [cell], "s")
+    for number, score in enumerate(robot.values()):
+        _draw_scores(axes[-1], np.array([number]), [score], "s")
     axes[-1].set(xticks=range(len(robot)), xlim=(-0.7, len(robot) - 0.3), xlabel="error not known")
     axes[-1].set_xticklabels(robot, fontsize=8)
     axes[-1].set_title("the paper's Spot", fontsize=9)
@@ -111,14 +114,14 @@ def show_error_curves(
     return fig
 
 
-def show_widths(widths: dict[str, float], cells: dict[str, Cell], named: Sequence[str], title: str = "") -> Figure:
-    """Success by object against its narrow side (m) seen from above, with 95 % intervals; ``named`` get their name."""
+def show_widths(widths: dict[str, float], scores: dict[str, Score], named: Sequence[str], title: str = "") -> Figure:
+    """Success by object against its narrow side (m) seen from above, with 95 % intervals; ``named`` are labelled."""
     fig, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
-    at = 1000 * np.array([widths[name] for name in cells])
-    _draw_cells(ax, at, list(cells.values()), "o")
-    for x, (name, cell) in zip(at, cells.items(), strict=True):
+    at = 1000 * np.array([widths[name] for name in scores])
+    _draw_scores(ax, at, list(scores.values()), "o")
+    for x, (name, score) in zip(at, scores.items(), strict=True):
         if name in named:
-            ax.annotate(name, (x, cell.mean), (4, -11), textcoords="offset points", fontsize=8)
+            ax.annotate(name, (x, score.mean), (4, -11), textcoords="offset points", fontsize=8)
     ax.set(xlabel="narrow side of the object (mm)", ylabel="success (0-100)")
     fig.suptitle(title, fontsize=10)
     return fig

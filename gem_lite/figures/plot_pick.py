@@ -1,4 +1,4 @@
-"""Drawings of a pick network: its stages, its training, and what its action map does when things move."""
+"""Drawings of a pick network: its stages, its training, and its action map when things move."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gem_lite.policies.samples import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72
-"""Of pictures with many maps: smooth colours make large files."""
+"""The resolution of pictures with many maps: smooth colours make large files."""
 
 
 def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Figure:
@@ -41,25 +41,25 @@ def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Fi
 
 
 def show_samples(samples: Sequence[Sample], workspace: Workspace) -> Figure:
-    """What training reads of each sample: the picture with the pick's label, the pick's map below."""
+    """What training reads of each sample: the picture with the pick's label, and the pick's map below it."""
     fig, axes = plt.subplots(
         2, len(samples), figsize=(1.5 * len(samples), 5.6), squeeze=False, layout="constrained", dpi=DPI
     )
     for i, (column, sample) in enumerate(zip(axes.T, samples, strict=True)):
         bare(column[0], f"sample {i}").imshow(to_picture(sample.rgbd))
-        shown = bare(column[1]).imshow(sample.maps["pick"][0], cmap=SIGNED, vmin=-1.2, vmax=1.2)
+        map_image = bare(column[1]).imshow(sample.maps["pick"][0], cmap=SIGNED, vmin=-1.2, vmax=1.2)
         label = Pose2(*workspace.to_world(*sample.pick), sample.pick_yaw)
         for ax in column:
             draw_gripper(ax, label, workspace, PICK_COLOR)
             ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
     axes[0, 0].set_ylabel("picture and label", fontsize=9)
     axes[1, 0].set_ylabel("map of the pick phrase", fontsize=9)
-    fig.colorbar(shown, ax=axes[1], shrink=0.8)
+    fig.colorbar(map_image, ax=axes[1], shrink=0.8)
     return fig
 
 
 def show_loss(losses: Sequence[float], levels: dict[str, float], window: int = 20) -> Figure:
-    """A training's loss, each step's and the mean of ``window`` steps, with named levels to compare with."""
+    """The loss of each training step and its mean over ``window`` steps, with named levels to compare with."""
     fig, ax = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
     ax.plot(losses, color="0.75", lw=0.8, label="each step")
     means = np.convolve(losses, np.ones(window) / window, mode="valid")
@@ -75,7 +75,7 @@ def show_loss(losses: Sequence[float], levels: dict[str, float], window: int = 2
 def show_yaws(truth: np.ndarray, chosen: dict[str, np.ndarray], symmetry: float) -> Figure:
     """Chosen yaws (N,) against true ones (N,), radians, modulo ``symmetry``.
 
-    The grey line is right; on the dotted ones the choice is a quarter of ``symmetry`` off.
+    Points on the grey line are right; points on the dotted lines are a quarter of ``symmetry`` off.
     """
     period = np.degrees(symmetry)
     fig, ax = plt.subplots(figsize=(4.9, 4.0), layout="constrained")
@@ -111,7 +111,7 @@ def show_choices(cases: Sequence[tuple[str, np.ndarray, np.ndarray, Pose2]], wor
     return fig
 
 
-def show_rule(
+def show_peak_rule(
     cases: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, Pose2, Pose2]], workspace: Workspace
 ) -> Figure:
     """What `gem.near_peak` changes: the scene and the semantic map around two picks, the allowed cells outlined.
@@ -127,7 +127,8 @@ def show_rule(
         _small_bar(bare(below), below.imshow(semantic, cmap="inferno", vmin=0, vmax=1))
         below.contour(allowed, levels=[0.5], colors="white", linewidths=1.2)
         spots = np.array([workspace.to_pixel(pose.x, pose.y) for pose in (without, with_rule)])
-        middle, reach = spots.mean(axis=0), max(16.0, np.ptp(spots, axis=0).max() / 2 + 8)
+        middle = spots.mean(axis=0)
+        reach = max(16.0, np.ptp(spots, axis=0).max() / 2 + 8)
         for ax in (above, below):
             for (row, col), marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
                 ax.plot(col, row, marker, ms=11, mfc="none", mec="black", mew=4)
@@ -139,8 +140,8 @@ def show_rule(
     return fig
 
 
-def _small_bar(ax: Axes, shown: AxesImage) -> Axes:
-    bar = ax.figure.colorbar(shown, ax=ax, location="bottom", shrink=0.85)
+def _small_bar(ax: Axes, image: AxesImage) -> Axes:
+    bar = ax.figure.colorbar(image, ax=ax, location="bottom", shrink=0.85)
     bar.ax.tick_params(labelsize=7)
     bar.ax.locator_params(nbins=3)
     return bar.ax

@@ -19,7 +19,7 @@ from gem_lite.se2 import Pose2
 
 
 @dataclass(frozen=True)
-class Shown:
+class ActionColumn:
     """A column of `show_actions`: a titled table from above, an action, and the place logits (R, H, W), if any."""
 
     title: str
@@ -28,28 +28,29 @@ class Shown:
     logits: np.ndarray | None = None
 
 
-def show_actions(columns: Sequence[Shown], suptitle: str = "", width: float = 1.75) -> Figure:
-    """Tables side by side with pick (green) and place (red); below, where there are logits, each pixel's best."""
-    mapped = columns[0].logits is not None
-    maps = [action_map(shown.logits) for shown in columns] if mapped else []
-    low = min((float(np.percentile(one, 1)) for one in maps), default=0.0)
+def show_actions(columns: Sequence[ActionColumn], suptitle: str = "", width: float = 1.75) -> Figure:
+    """Tables side by side with pick (green) and place (red). Action maps are below, if the columns have logits."""
+    has_maps = columns[0].logits is not None
+    maps = [action_map(column.logits) for column in columns] if has_maps else []
+    low = min((float(np.percentile(scores, 1)) for scores in maps), default=0.0)
     fig, axes = plt.subplots(
-        1 + mapped, len(columns), figsize=(width * len(columns) + 0.8 * mapped, 2 * width * (1 + mapped) + 0.9),
+        1 + has_maps, len(columns),
+        figsize=(width * len(columns) + 0.8 * has_maps, 2 * width * (1 + has_maps) + 0.9),
         squeeze=False, layout="compressed",
     )  # fmt: skip
-    for i, (column, shown) in enumerate(zip(axes.T, columns, strict=True)):
-        w = shown.heightmap.workspace
-        bare(column[0], shown.title).imshow(shown.heightmap.rgb)
-        draw_gripper(column[0], shown.action.pick, w, PICK_COLOR, "pick")
-        draw_gripper(column[0], shown.action.place, w, PLACE_COLOR, "place")
-        if mapped:
-            scored = bare(column[1]).imshow(maps[i], cmap="viridis", vmin=low, vmax=0)
-            row, col = w.to_pixel(shown.action.place.x, shown.action.place.y)
-            column[1].plot(col, row, "o", ms=11, mfc="none", mec=PLACE_COLOR, mew=1.5)
-        for ax in column:
+    for i, (panels, column) in enumerate(zip(axes.T, columns, strict=True)):
+        w = column.heightmap.workspace
+        bare(panels[0], column.title).imshow(column.heightmap.rgb)
+        draw_gripper(panels[0], column.action.pick, w, PICK_COLOR, "pick")
+        draw_gripper(panels[0], column.action.place, w, PLACE_COLOR, "place")
+        if has_maps:
+            map_image = bare(panels[1]).imshow(maps[i], cmap="viridis", vmin=low, vmax=0)
+            row, col = w.to_pixel(column.action.place.x, column.action.place.y)
+            panels[1].plot(col, row, "o", ms=11, mfc="none", mec=PLACE_COLOR, mew=1.5)
+        for ax in panels:
             ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
-    if mapped:
-        fig.colorbar(scored, ax=axes[1], shrink=0.8, label="logit - best logit")
+    if has_maps:
+        fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="logit - best logit")
     fig.suptitle(suptitle, fontsize=10)
     return fig
 
@@ -59,13 +60,13 @@ def show_crop(crop: torch.Tensor, suptitle: str = "") -> Figure:
     fig, axes = plt.subplots(1, 5, figsize=(8.2, 2.3), layout="constrained")
     picture = to_picture(crop)
     for channel, (ax, name) in enumerate(zip(axes, ("red", "green", "blue"), strict=False)):
-        alone = np.zeros_like(picture)
-        alone[..., channel] = picture[..., channel]
-        bare(ax, name).imshow(alone)
+        one_color = np.zeros_like(picture)
+        one_color[..., channel] = picture[..., channel]
+        bare(ax, name).imshow(one_color)
     height = bare(axes[3], "height (mm)").imshow(1000 * HEIGHT_SCALE * crop[RGBD - 1], cmap="viridis", vmin=0)
     semantic = bare(axes[4], "pick map").imshow(crop[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
-    for ax, shown in ((axes[3], height), (axes[4], semantic)):
-        fig.colorbar(shown, ax=ax, shrink=0.8)
+    for ax, image in ((axes[3], height), (axes[4], semantic)):
+        fig.colorbar(image, ax=ax, shrink=0.8)
     fig.suptitle(suptitle, fontsize=10)
     return fig
 
@@ -73,7 +74,7 @@ def show_crop(crop: torch.Tensor, suptitle: str = "") -> Figure:
 def show_deltas(
     panels: Sequence[tuple[str, np.ndarray, np.ndarray]], shown: Sequence[float], suptitle: str = ""
 ) -> Figure:
-    """Predicted against right relative angles (radians), a panel a method.
+    """Predicted against right relative angles (radians), one panel for each method.
 
     Args:
         panels: title, right angles (N,), predicted angles (N,).
@@ -111,20 +112,20 @@ class CloseUp:
 
 
 def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float = 0.11) -> Figure:
-    """The table around the right place, with the chosen pose in black and the right one in white; below, its heights.
+    """The table around the right place and its heights: the chosen pose is black, the right pose white.
 
     Args:
-        radius: how much is shown, from the right place to the edge (m).
+        radius: distance (m) from the right place to the edge of the picture.
     """
     fig, axes = plt.subplots(2, len(panels), figsize=(1.9 * len(panels) + 0.6, 4.5), squeeze=False, layout="compressed")
-    for column, shown in zip(axes.T, panels, strict=True):
-        w = shown.heightmap.workspace
-        bare(column[0], shown.title).imshow(shown.heightmap.rgb)
-        heights = bare(column[1]).imshow(1000 * shown.heightmap.height, cmap="viridis", vmin=0, vmax=70)
-        row, col = w.to_pixel(shown.right.x, shown.right.y)
+    for column, panel in zip(axes.T, panels, strict=True):
+        w = panel.heightmap.workspace
+        bare(column[0], panel.title).imshow(panel.heightmap.rgb)
+        heights = bare(column[1]).imshow(1000 * panel.heightmap.height, cmap="viridis", vmin=0, vmax=70)
+        row, col = w.to_pixel(panel.right.x, panel.right.y)
         half = radius / w.pixel
-        draw_gripper(column[0], shown.right, w, "white")
-        draw_gripper(column[0], shown.chosen, w, "black")
+        draw_gripper(column[0], panel.right, w, "white")
+        draw_gripper(column[0], panel.chosen, w, "black")
         for ax in column:
             ax.set(xlim=(col - half, col + half), ylim=(row + half, row - half))
     fig.colorbar(heights, ax=axes[1], shrink=0.8, label="height (mm)")

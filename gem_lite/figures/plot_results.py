@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gem_lite.evaluation.failures import Failure
-from gem_lite.evaluation.results import Cell
+from gem_lite.evaluation.results import Score
 from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import Sample, to_picture
 
@@ -48,18 +48,18 @@ def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
     return fig
 
 
-def show_success(panels: dict[str, dict[str, dict[int, Cell]]], title: str = "") -> Figure:
+def show_success(panels: dict[str, dict[str, dict[int, Score]]], title: str = "") -> Figure:
     """Success against the number of demonstrations with 95 % intervals.
 
     Args:
-        panels: title to method to number of demonstrations to cell.
+        panels: title to method to number of demonstrations to score.
     """
     fig, axes = plt.subplots(1, len(panels), figsize=(4.6 * len(panels), 3.6), sharey=True, layout="constrained")
     for ax, (name, methods) in zip(np.atleast_1d(axes), panels.items(), strict=True):
-        for number, (method, cells) in enumerate(methods.items()):
-            counts = np.array(sorted(cells), float)
-            means = np.array([cells[count].mean for count in sorted(cells)])
-            ends = np.array([cells[count].interval for count in sorted(cells)]).T
+        for number, (method, scores) in enumerate(methods.items()):
+            counts = np.array(sorted(scores), float)
+            means = np.array([scores[count].mean for count in sorted(scores)])
+            ends = np.array([scores[count].interval for count in sorted(scores)]).T
             nudged = counts * (1 + 0.04 * (number - 1))  # so that intervals do not hide each other
             reach = np.clip([means - ends[0], ends[1] - means], 0, None)
             ax.errorbar(nudged, means, reach, fmt="o-", capsize=3, color=METHOD_COLORS.get(method), label=method)
@@ -73,18 +73,18 @@ def show_success(panels: dict[str, dict[str, dict[int, Cell]]], title: str = "")
     return fig
 
 
-def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
+def show_scores(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
     """Means with 95 % intervals as horizontal bars: a row for each name, a colour for each group."""
-    names = list(dict.fromkeys(name for cells in groups.values() for name in cells))
+    names = list(dict.fromkeys(name for scores in groups.values() for name in scores))
     fig, ax = plt.subplots(figsize=(7.6, 0.34 * len(names) * len(groups) + 1.1), layout="constrained")
     thick = 0.8 / len(groups)
-    shared = {name: [group for group, cells in groups.items() if name in cells] for name in names}
-    for number, (group, cells) in enumerate(groups.items()):
-        # A name's bars lie around it, also where some groups lack it.
-        offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in cells]
-        rows = np.array([names.index(name) for name in cells]) + thick * np.array(offsets)
-        means = np.array([found.mean for found in cells.values()])
-        ends = np.array([found.interval for found in cells.values()]).T
+    shared = {name: [group for group, scores in groups.items() if name in scores] for name in names}
+    for number, (group, scores) in enumerate(groups.items()):
+        # The bars of a name lie around it, even where some groups lack the name.
+        offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in scores]
+        rows = np.array([names.index(name) for name in scores]) + thick * np.array(offsets)
+        means = np.array([score.mean for score in scores.values()])
+        ends = np.array([score.interval for score in scores.values()]).T
         reach = np.clip([means - ends[0], ends[1] - means], 0, None)
         ax.barh(rows, means, 0.9 * thick, xerr=reach, capsize=3, color=f"C{number}", alpha=0.75, label=group)
         for row, mean, end in zip(rows, means, ends[1], strict=True):
@@ -97,20 +97,20 @@ def show_cells(groups: dict[str, dict[str, Cell]], title: str = "") -> Figure:
     return fig
 
 
-def show_worlds(panels: dict[str, dict[str, dict[str, Cell]]], title: str = "") -> Figure:
+def show_worlds(panels: dict[str, dict[str, dict[str, Score]]], title: str = "") -> Figure:
     """Means with 95 % intervals in several worlds: a panel for each task family, a row for each world.
 
     Args:
-        panels: family to set of words ("seen", "unseen") to world to cell. A world that a panel does not have
-            leaves its row empty there.
+        panels: family to set of words ("seen", "unseen") to world to score. A world that a panel does not
+            have leaves its row empty there.
     """
-    worlds = list(dict.fromkeys(world for sets in panels.values() for cells in sets.values() for world in cells))
+    worlds = list(dict.fromkeys(world for sets in panels.values() for scores in sets.values() for world in scores))
     fig, axes = plt.subplots(1, len(panels), figsize=(3.4 * len(panels), 3.4), sharey=True, layout="constrained")
     for ax, (family, sets) in zip(np.atleast_1d(axes), panels.items(), strict=True):
-        for number, (label, cells) in enumerate(sets.items()):
-            rows = np.array([worlds.index(world) for world in cells]) + 0.24 * (number - (len(sets) - 1) / 2)
-            means = np.array([cell.mean for cell in cells.values()])
-            ends = np.array([cell.interval for cell in cells.values()]).T
+        for number, (label, scores) in enumerate(sets.items()):
+            rows = np.array([worlds.index(world) for world in scores]) + 0.24 * (number - (len(sets) - 1) / 2)
+            means = np.array([score.mean for score in scores.values()])
+            ends = np.array([score.interval for score in scores.values()]).T
             reach = np.clip([means - ends[0], ends[1] - means], 0, None)
             ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=f"C{number}", label=label)
         ax.set_yticks(range(len(worlds)), worlds)
@@ -128,7 +128,8 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
     fig = plt.figure(figsize=(3.1 * columns, 2.7 * rows), layout="constrained")
     parts = fig.subfigures(rows, columns, squeeze=False).flat
     for part, (title, failure) in zip(parts, failures, strict=False):  # the last row may be short
-        trio, choice = part.subplots(1, 3), failure.choice
+        trio = part.subplots(1, 3)
+        choice = failure.choice
         workspace = choice.heightmap.workspace
         trio[0].imshow(choice.heightmap.rgb)
         draw_gripper(trio[0], choice.action.pick, workspace, PICK_COLOR)

@@ -1,4 +1,4 @@
-"""Drawings that several lessons use. A function takes what is to be shown and returns a matplotlib Figure."""
+"""Drawings that several lessons use. Each function returns a matplotlib Figure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix
 
 PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
-"""The paper's colours of the two grippers (Fig. 1), the only ones for pick and place in any figure."""
+"""The paper's colours of the two grippers (Fig. 1); every figure draws pick and place in them."""
 MAP_COLORS = "inferno"
 
 
@@ -44,8 +44,8 @@ def show_views(views: Sequence[View]) -> Figure:
     fig, axes = plt.subplots(2, len(views), figsize=(3.4 * len(views), 5.0), layout="constrained")
     for column, view in zip(axes.T, views, strict=True):
         bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
-        shown = bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
-    fig.colorbar(shown, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
+        depth_image = bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
+    fig.colorbar(depth_image, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
     return fig
 
 
@@ -55,13 +55,14 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
     rows, cols = w.shape
     fig, axes = plt.subplots(1, 2, figsize=(6.4, 5.6), layout="constrained")
     axes[0].imshow(heightmap.rgb)
-    shown = axes[1].imshow(1000 * heightmap.height, cmap="viridis")
-    fig.colorbar(shown, ax=axes[1], label="height (mm)", shrink=0.8)
+    height_image = axes[1].imshow(1000 * heightmap.height, cmap="viridis")
+    fig.colorbar(height_image, ax=axes[1], label="height (mm)", shrink=0.8)
     for ax, name in zip(axes, ("colour", "height"), strict=True):
         if action is not None:
             draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
             draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
-        x_ticks, y_ticks = np.arange(0.3, w.x_max, 0.2), np.arange(-0.4, w.y_max, 0.2)
+        x_ticks = np.arange(0.3, w.x_max, 0.2)
+        y_ticks = np.arange(-0.4, w.y_max, 0.2)
         ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
         ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
         ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
@@ -73,9 +74,9 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
 
 
 def action_map(logits: np.ndarray) -> np.ndarray:
-    """(R, H, W) logits to (H, W): each pixel's best angle, relative to the best pixel, whose value is 0.
+    """Logits (R, H, W) to (H, W): each pixel's largest logit, minus the largest of all, so that the best pixel is 0.
 
-    Logits and not probabilities, since a trained policy's probability is one bright pixel on black.
+    These are logits and not probabilities: a trained policy's probabilities show one bright pixel on black.
     """
     return logits.max(axis=0) - logits.max()
 
@@ -100,21 +101,21 @@ def show_decision(decision: Decision, clip_name: str) -> Figure:
             )
         else:
             bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
-        shown = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
-        scored = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
+        map_image = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
+        action_image = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
         draw_gripper(axs[0], pose, w, color)
         row, col = w.to_pixel(pose.x, pose.y)
         axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
         for ax in (axs[0], axs[4]):
             ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
-        fig.colorbar(shown, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
-        fig.colorbar(scored, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
+        fig.colorbar(map_image, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
+        fig.colorbar(action_image, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
     fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
     return fig
 
 
 def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
-    """The logits of every angle at one pixel, above the lowest of them, on a circle turning as the table does."""
+    """The logits of every angle at one pixel, measured from the lowest, on a circle of directions on the table."""
     angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
     values = logits[:, cell[1], cell[2]]
     values = np.append(values, values[0]) - values.min()
@@ -190,13 +191,15 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
     widths = [panel.shape[1] / panel.shape[0] for _, panel in panels]
     size = (min(12.0, 3.6 * sum(widths) + 1.6), 3.9 if sum(widths) < 3.2 else 2.9)
     fig, axes = plt.subplots(1, len(panels), figsize=size, width_ratios=widths, layout="constrained")
-    axes, shown = np.atleast_1d(axes), None
+    axes = np.atleast_1d(axes)
+    map_image = None
     for ax, (title, panel) in zip(axes, panels, strict=True):
-        drawn = bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
+        image = bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
         ax.set_facecolor("0.7")
-        shown = drawn if panel.ndim == 2 else shown
-    if shown is not None:
-        fig.colorbar(shown, ax=axes, shrink=0.8)
+        if panel.ndim == 2:
+            map_image = image
+    if map_image is not None:
+        fig.colorbar(map_image, ax=axes, shrink=0.8)
     fig.suptitle(suptitle, fontsize=10)
     return fig
 
@@ -220,7 +223,7 @@ def show_pointings(cases: Sequence[tuple[str, np.ndarray, np.ndarray, tuple[floa
 
 def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
                 title: str) -> Figure:  # fmt: skip
-    """Figure 2's panel (b): the views and their maps (NaN: outside the workspace), and what they fuse to from above."""
+    """Panel (b) of Figure 2: the views with their maps (NaN: outside the workspace), and both fused from above."""
     fig = plt.figure(figsize=(12, 4.8), layout="constrained")
     grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
     for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
@@ -249,7 +252,7 @@ def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
 
 
 def show_distances(groups: dict[str, np.ndarray], limit: float) -> Figure:
-    """For each group of distances (m), the share that lies within a distance; ``limit`` is marked."""
+    """For each group of distances (m), the share below each distance; ``limit`` is marked."""
     fig, ax = plt.subplots(figsize=(5.4, 3.4), layout="constrained")
     for name, values in groups.items():
         ax.step(1000 * np.sort(values), np.arange(1, len(values) + 1) / len(values), where="post", label=name)

@@ -1,4 +1,4 @@
-"""3-D scenes in meshcat, kept inside the notebook so that they show in a stored copy too."""
+"""3-D scenes in meshcat. They are stored inside the notebook, so that a stored copy shows them too."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from IPython.display import HTML
 from gem_lite.se2 import Pose2
 
 FRAME_HEIGHT = 0.12
-"""Frames float this high (m) above the table, so that no object hides them."""
+"""Height (m) of the frames above the table, so that no object hides them."""
 
 
 def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
     """A point cloud (N, 3) metres with colours (N, 3) uint8, and a red-green-blue frame at each named pose.
 
-    Red is the frame's x (the gripper's yaw), green its y; blue is no axis but the tool's way down to the table.
+    Red is the frame's x (the gripper's yaw), green its y; blue shows how the tool moves down to the table.
     """
     with contextlib.redirect_stdout(io.StringIO()):
         scene = meshcat.Visualizer()
-    paint = (rgb.T / 255).astype(np.float32)
-    scene["cloud"].set_object(geometry.PointCloud(points.T.astype(np.float32), paint, size=0.006))
+    colors = (rgb.T / 255).astype(np.float32)
+    scene["cloud"].set_object(geometry.PointCloud(points.T.astype(np.float32), colors, size=0.006))
     for name, pose in frames.items():
         place = transformations.translation_matrix([pose.x, pose.y, FRAME_HEIGHT])
         place = place @ transformations.rotation_matrix(pose.yaw, [0, 0, 1])

@@ -1,1 +1,1 @@
-"""Semantic maps: where a phrase lies on the table, by text and by remembered crops."""
+"""Semantic maps: where the thing that a phrase names lies on the table, by text and by remembered crops."""

@@ -27,12 +27,12 @@ from gem_lite.se2 import Pose2, Workspace
 EpisodeKey = tuple[str, int]
 """An episode: its task's name, and its number among the task's demonstrations."""
 ROUNDING = 1e-6
-"""How much the cosines of equal phrases may differ: a matrix product rounds some rows another way."""
+"""How much the cosines of equal phrases may differ, since a matrix product rounds its rows differently."""
 
 
 @dataclass(frozen=True)
 class CropEntry:
-    """One event of a demonstration: what was acted on, in words and as a picture (H, W, 3) uint8.
+    """One event of a demonstration: the thing that was acted on, in words and as a picture (H, W, 3) uint8.
 
     Attributes:
         task, episode: which demonstration it comes from (`EpisodeKey`).
@@ -52,9 +52,10 @@ class CropEntry:
             raise ValueError(f"task must be the name of a task, got {self.task!r}")
         if type(self.episode) is not int or not 0 <= self.episode < 2**63:
             raise ValueError(f"episode must be a number from 0 on, got {self.episode!r}")
-        shape, kind = self.image.shape, self.image.dtype
-        if len(shape) != 3 or shape[-1] != 3 or 0 in shape or kind != np.uint8:
-            raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {kind}")
+        shape = self.image.shape
+        dtype = self.image.dtype
+        if len(shape) != 3 or shape[-1] != 3 or 0 in shape or dtype != np.uint8:
+            raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {dtype}")
 
     @property
     def key(self) -> EpisodeKey:
@@ -66,7 +67,7 @@ class CropMemory:
     """A database of (phrase, crop) pairs, embedded once.
 
     Attributes:
-        entries: what is in it.
+        entries: the pairs.
         keys: (N, D) text embeddings of the phrases, K of Eq. 2.
         values: (N, D) image embeddings of the crops, E_crop of Eq. 3.
 
@@ -87,9 +88,9 @@ class CropMemory:
         self._episodes = torch.tensor([self._numbers[entry.key] for entry in self.entries])
 
     def find(self, query: torch.Tensor, hidden: EpisodeKey | None = None) -> tuple[int, float] | None:
-        """Index and cosine of the nearest phrase to a text embedding (D,); None if nothing may be searched.
+        """Index and cosine of the nearest phrase to a text embedding (D,); None if no phrase may be searched.
 
-        Of equally near phrases the first is found.
+        Of equally near phrases, this is the first.
 
         Args:
             hidden: an episode whose crops must not be retrieved.
@@ -196,7 +197,7 @@ def collect_crops(
     demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float,
     parser: language.Parser = language.parse,
 ) -> list[CropEntry]:  # fmt: skip
-    """What every event of the demonstrations acted on, as it looked before the action (Sec. 3.1).
+    """The crops of every event of the demonstrations, from before the action (Sec. 3.1).
 
     Args:
         heightmaps: one for each step's observation, in the order of episodes and steps.
@@ -234,7 +235,7 @@ def demonstrated_crops(
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:
-    """The square of ``side`` metres around a pose, moved inside the map where it would stick out.
+    """The square of ``side`` metres around a pose, moved inside the map at its border.
 
     Returns:
         (S, S, 3) uint8, a view of the map's colours.
@@ -247,5 +248,6 @@ def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:
     height, width = heightmap.rgb.shape[:2]
     if not 1 <= size <= min(height, width):
         raise ValueError(f"side must make 1 to {min(height, width)} cells of the map, got {side} m: {size} cells")
-    top, left = np.clip(row - size // 2, 0, height - size), np.clip(col - size // 2, 0, width - size)
+    top = np.clip(row - size // 2, 0, height - size)
+    left = np.clip(col - size // 2, 0, width - size)
     return heightmap.rgb[top : top + size, left : left + size]

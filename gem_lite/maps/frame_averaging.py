@@ -1,4 +1,4 @@
-"""A map that turns as its picture turns, by averaging over rotations (A.8.5), and how far a plain map is from it."""
+"""A map that turns with its picture, by averaging over rotations (A.8.5), and a plain map's difference from it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def frame_averaged(
     """Average a map over the rotations C_n of its picture (A.8.5): (1/n) sum_g g^-1 score(g image).
 
     The result is equivariant: exactly to quarter turns if 4 divides n, to the other turns of C_n up to
-    interpolation. What turning brings in from outside shows the picture's median colour, and what it
-    moves out of the picture is left out of the average.
+    interpolation. Pixels that turning brings in from outside have the picture's median colour; pixels that it
+    moves out of the picture are left out of the average.
 
     Args:
         score: maps an (S, S, 3) uint8 picture to an (S, S) map.
@@ -38,14 +38,17 @@ def frame_averaged(
     # Relative to the outside's colour, the zeros that rotate_image fills in are that colour. Doubles, so
     # that a picture and its quarter turn are rounded to the same bytes.
     relative = torch.from_numpy(image - outside).permute(2, 0, 1)[None]
-    total, weight = np.zeros(image.shape[:2]), np.zeros(image.shape[:2])
+    total = np.zeros(image.shape[:2])
+    weight = np.zeros(image.shape[:2])
     inside = np.ones(image.shape[:2], bool)
     for angle in torch.from_numpy(angle_bins(rotations)):
         turned = rotate_image(relative, angle[None])[0].permute(1, 2, 0).numpy() + outside
-        there = torch.from_numpy(score(np.round(turned).astype(np.uint8)).astype(np.float64))
+        scores = torch.from_numpy(score(np.round(turned).astype(np.uint8)).astype(np.float64))
         # The map and its mask turn back together, so a cell cut by the border still averages to its map.
-        back, kept = rotate_image(torch.stack([there, torch.ones_like(there)])[None], -angle[None])[0].numpy()
-        total, weight, inside = total + back, weight + kept, inside & (kept > 1 - 1e-4)
+        back, kept = rotate_image(torch.stack([scores, torch.ones_like(scores)])[None], -angle[None])[0].numpy()
+        total += back
+        weight += kept
+        inside &= kept > 1 - 1e-4
     return (total / weight).astype(np.float32), inside
 
 

@@ -74,10 +74,10 @@ class PatchGrid:
         return _product(rows.T, pixels, cols) > 0
 
 
-def patchify(image: np.ndarray, grid: PatchGrid, wanted: np.ndarray | None = None) -> np.ndarray:
+def patchify(image: np.ndarray, grid: PatchGrid, selected: np.ndarray | None = None) -> np.ndarray:
     """P of Eq. 1: an (H, W, C) image to its (m, n, patch, patch, C) patches.
 
-    With ``wanted`` (m, n) bool, only those patches: (N, patch, patch, C).
+    With ``selected`` (m, n) bool, only those patches: (N, patch, patch, C).
     """
     if image.shape[:2] != grid.shape:
         raise ValueError(f"image must be {grid.shape} in height and width, got {image.shape}")
@@ -87,8 +87,8 @@ def patchify(image: np.ndarray, grid: PatchGrid, wanted: np.ndarray | None = Non
     lines = np.ascontiguousarray(image).reshape(height, width * channels)
     windows = np.lib.stride_tricks.sliding_window_view(lines, (grid.patch, grid.patch * channels))
     which = np.ix_(rows, cols * channels)
-    if wanted is not None:
-        i, j = np.nonzero(wanted)
+    if selected is not None:
+        i, j = np.nonzero(selected)
         which = rows[i], cols[j] * channels
     patches = windows[which]
     return patches.reshape(*patches.shape[:-1], grid.patch, channels)
@@ -102,13 +102,13 @@ def unpatchify(scores: np.ndarray, grid: PatchGrid) -> np.ndarray:
 
 
 def _product(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    # By torch: NumPy's own BLAS threads would go on spinning and take the cores from the network that comes next.
+    # By torch: NumPy's BLAS threads keep spinning afterwards, and slow down the network that runs next.
     return torch.linalg.multi_dot([torch.from_numpy(m.astype(np.float32)) for m in (a, b, c)]).numpy()
 
 
 @dataclass(frozen=True)
 class PatchEmbeddings:
-    """CLIP embeddings of an image's patches: (m, n, D) float32, unit length, 0 where ``wanted`` was False."""
+    """CLIP embeddings of an image's patches: (m, n, D) float32, unit length, 0 for patches that were not embedded."""
 
     grid: PatchGrid
     values: torch.Tensor
@@ -118,28 +118,28 @@ class PatchEmbeddings:
         return unpatchify((self.values @ embedding.to(self.values)).numpy(), self.grid)
 
 
-def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, wanted: np.ndarray | None = None) -> PatchEmbeddings:
-    """Embed the patches of an image in batches; equal ones, such as bare table without noise, once.
+def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, needed: np.ndarray | None = None) -> PatchEmbeddings:
+    """Embed the patches of an image in batches. Equal patches, such as bare table without noise, are embedded once.
 
     Args:
         image: (H, W, 3) uint8.
-        wanted: (H, W) bool; patches that meet no wanted pixel are skipped, since nobody will read them.
+        needed: (H, W) bool; patches without a needed pixel are skipped.
     """
-    chosen = grid.meets(np.ones(grid.shape, bool) if wanted is None else wanted)
+    chosen = grid.meets(np.ones(grid.shape, bool) if needed is None else needed)
     values = torch.zeros(*chosen.shape, clip.dim)
     if chosen.any():
         patches = patchify(image, grid, chosen)  # (N, patch, patch, 3)
         as_bytes = patches.reshape(len(patches), -1).view(np.dtype((np.void, patches[0].nbytes))).ravel()
-        _, first, again = np.unique(as_bytes, return_index=True, return_inverse=True)
-        values[torch.from_numpy(chosen)] = clip.embed_images(patches[first]).cpu()[torch.from_numpy(again)]
+        _, first, number = np.unique(as_bytes, return_index=True, return_inverse=True)
+        values[torch.from_numpy(chosen)] = clip.embed_images(patches[first]).cpu()[torch.from_numpy(number)]
     return PatchEmbeddings(grid, values)
 
 
 def paint_outside(rgb: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """The picture (H, W, 3) with what lies outside the workspace in the table's colour.
+    """The picture (H, W, 3) with all pixels outside the workspace in the table's colour.
 
-    So a patch at the table's edge tells nothing of the floor or of what stands beside the table. Most of these
-    patches then equal the bare table, which `embed_patches` embeds once.
+    So a patch at the table's edge shows neither the floor nor things beside the table. Most of these patches then equal
+    the bare table, which `embed_patches` embeds once.
 
     Args:
         inside: (H, W) bool, the pixels inside the workspace; the table's colour is their median.

@@ -1,6 +1,6 @@
 """Semantic maps of a scene (Sec. 3.1): conditioned on a text (Eq. 1), on a picture (Eq. 2-3), and their blend (Eq. 4).
 
-What they ask for is a query (`gem_lite.language.Query`): a phrase or a picture.
+Each map is made for a query (`gem_lite.language.Query`): a phrase or a picture.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from gem_lite.rgbd.heightmap import HeightMap, SortedPoints, fuse_views, sort_po
 
 @dataclass(frozen=True)
 class SceneEmbedding:
-    """All that the maps of one scene share, whatever the query: computed once an observation.
+    """Everything that the maps of one scene share for all queries, computed once for each observation.
 
     Attributes:
         heightmap: the table from above.
         points: the views' points, sorted into the height map's cells: the fusion from above.
-        sides: what was made of each view; of `embed_scene` they are `PatchEmbeddings`.
-        embed_top: makes `top`.
+        sides: the embedding of each view; `embed_scene` makes `PatchEmbeddings`.
+        embed_top: computes `top`.
     """
 
     heightmap: HeightMap
@@ -39,11 +39,11 @@ class SceneEmbedding:
 
     @cached_property
     def top(self) -> PatchEmbeddings:
-        """The height map's own patches, embedded at first use: the text-conditioned map does not need them."""
+        """The height map's own patches, embedded at first use, since the text-conditioned map does not need them."""
         return self.embed_top()
 
     def fuse(self, labels: Sequence[np.ndarray]) -> np.ndarray:
-        """What each view says of its pixels, (H_n, W_n), fused from above by point cloud: (H, W) float32."""
+        """Labels of each view's pixels, (H_n, W_n), fused from above by point cloud: (H, W) float32."""
         fused, _ = self.points.project(labels)
         return fused
 
@@ -51,7 +51,7 @@ class SceneEmbedding:
 def embed_views(
     views: Sequence[View], clip: Clip, config: PatchConfig, embed_view: Callable[[View, np.ndarray], Any] | None = None
 ) -> SceneEmbedding:
-    """Fuse the views, and let ``embed_view`` make something of each; the height map's patches wait to be asked for.
+    """Fuse the views and embed each by ``embed_view``. The height map's patches are embedded at first use.
 
     Args:
         embed_view: gets a view and its pixels inside the workspace, (H_n, W_n) bool; without it ``sides`` is empty.
@@ -69,7 +69,7 @@ def embed_side(view: View, inside: np.ndarray, clip: Clip, config: PatchConfig) 
 
 
 def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> SceneEmbedding:
-    """Fuse the views and embed the patches of each view; those of the height map when they are asked for."""
+    """Fuse the views and embed the patches of each view. The height map's patches are embedded at first use."""
     return embed_views(views, clip, config, lambda view, inside: embed_side(view, inside, clip, config))
 
 
@@ -125,7 +125,7 @@ def text_conditioned_map(
 
     Args:
         templates: wordings of a phrase to average, such as `TEMPLATES`; the paper has none.
-        against: other phrases. Where one of them scores above the empty table, that much is taken off:
+        against: other phrases. Where they score above the empty table, their largest score is subtracted. So
             "yellow screwdriver" against "yellow block" fades on the block. The paper has none.
 
     Returns:
@@ -135,11 +135,11 @@ def text_conditioned_map(
     def cosine(embedding: torch.Tensor) -> np.ndarray:
         return scene.fuse([side.score(embedding) for side in scene.sides])
 
-    own = _score(cosine, query, clip, templates)
+    scores = _score(cosine, query, clip, templates)
     if not against:
-        return own
+        return scores
     others = [_score(cosine, other, clip, templates) for other in against]
-    return own - np.maximum.reduce([*others, np.zeros_like(own)])
+    return scores - np.maximum.reduce([*others, np.zeros_like(scores)])
 
 
 def single_view_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarray:
@@ -159,8 +159,8 @@ def image_conditioned_map(
     The crop is the query's own picture, or the demonstrations' crop for a phrase.
 
     Args:
-        memory: crops to search for a phrase; None means there are none. A picture needs no search.
-        hidden: an episode whose crops must not be retrieved (training's own).
+        memory: crops to search for a phrase; None if there are none. A picture needs no search.
+        hidden: an episode whose crops must not be retrieved; in training, the step's own.
 
     Returns:
         (H, W) float32 on the scale of `text_conditioned_map`, or None if no crop's phrase is near enough.
@@ -185,11 +185,11 @@ PLATEAU = 0.2
 
 
 def plateau_centre(semantic: np.ndarray, config: PatchConfig) -> tuple[float, float]:
-    """The centre (row, col) of a map's highest plateau: where the map points, since patches blur its peak.
+    """The centre (row, col) of a map's highest plateau. The map points at it, since patches blur the map's peak.
 
-    From the brightest cell, mean shift: the mean of the cells within half a patch, weighted by how far they
-    rise above the plateau's foot, again and again until it stays. Two objects side by side share a
-    plateau; half a patch holds one of them.
+    It is found by mean shift from the brightest cell: the mean of the cells within half a patch, weighted by their
+    height above the plateau's foot, is taken again and again until it does not move. Two objects side by side
+    share a plateau; half a patch holds one of them.
 
     Args:
         semantic: (H, W), of ``config``'s resolution.
@@ -200,7 +200,10 @@ def plateau_centre(semantic: np.ndarray, config: PatchConfig) -> tuple[float, fl
     row, col = (float(i) for i in np.unravel_index(semantic.argmax(), semantic.shape))
     for _ in range(50):
         near = weight * (np.hypot(rows - row, cols - col) <= reach)
-        before, row, col = (row, col), float((near * rows).sum() / near.sum()), float((near * cols).sum() / near.sum())
-        if np.hypot(row - before[0], col - before[1]) < 0.01:
+        last_row = row
+        last_col = col
+        row = float((near * rows).sum() / near.sum())
+        col = float((near * cols).sum() / near.sum())
+        if np.hypot(row - last_row, col - last_col) < 0.01:
             break
     return row, col

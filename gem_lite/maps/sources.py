@@ -1,7 +1,8 @@
-"""Map sources: what turns camera views and a query into a semantic map. A configuration names one of `SOURCES`.
+"""Map sources turn camera views and a query into a semantic map. A configuration names one of `SOURCES`.
 
-A new one is a class, registered by its name. `ViewSource` is made for those that score the pixels of one view: it
-fuses the views' scores from above. Others, such as one that finds boxes, derive from `MapSource`.
+A new source is a class that is registered by its name. A source that scores the pixels of single views derives from
+`ViewSource`, which fuses the views' scores from above. Others, such as one that detects boxes, derive from
+`MapSource`.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ ViewEmbedding = TypeVar("ViewEmbedding")
 
 
 class MapSource(ABC):
-    """Camera views and a query to a map.
+    """Turns camera views and a query into a map.
 
     Attributes:
-        sees: whether its maps tell anything of the scene.
+        uses_views: whether its maps depend on the camera views.
     """
 
-    sees: ClassVar[bool] = True
+    uses_views: ClassVar[bool] = True
 
     def __init__(self, clip: Clip, config: PatchConfig) -> None:
         self.clip = clip
         self.config = config
 
     def embed(self, views: Sequence[View]) -> SceneEmbedding:
-        """All that does not depend on the query. Here that is the height map alone."""
+        """Compute everything that does not depend on the query: here only the height map."""
         return semantic_map.embed_views(views, self.clip, self.config)
 
     @abstractmethod
     def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
-        """Where a query lies in a scene that `embed` made.
+        """The map of a query in a scene of `embed`.
 
         Returns:
             (H, W) float32; about 0 where nothing matches and about 1 on a match.
@@ -51,19 +52,19 @@ class MapSource(ABC):
 
 
 class ViewSource(MapSource, Generic[ViewEmbedding]):
-    """A scorer of one view, and the fusion by point cloud that all such sources share."""
+    """A source that scores the pixels of each view; the scores are fused by point cloud."""
 
     @abstractmethod
     def embed_view(self, view: View, inside: np.ndarray) -> ViewEmbedding:
-        """What `score_view` needs of a view, whatever the query: its pixels, for instance.
+        """Compute what `score_view` needs of a view for any query, for instance its features.
 
         Args:
-            inside: (H_n, W_n) bool, the pixels inside the workspace; nobody reads the scores of the others.
+            inside: (H_n, W_n) bool, the pixels inside the workspace; scores of the others are not used.
         """
 
     @abstractmethod
     def score_view(self, embedded: ViewEmbedding, query: Query) -> np.ndarray:
-        """How well each pixel of a view matches, (H_n, W_n): about 0 where it does not, about 1 where it does."""
+        """A score (H_n, W_n) for each pixel of a view: about 0 where nothing matches and about 1 on a match."""
 
     @override
     def embed(self, views: Sequence[View]) -> SceneEmbedding:
@@ -105,7 +106,7 @@ class SingleView(MapSource):
 class NoMap(MapSource):
     """1 everywhere: the paper's "without semantic map" (A.2)."""
 
-    sees = False
+    uses_views = False
 
     @override
     def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:

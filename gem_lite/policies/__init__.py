@@ -1,1 +1,1 @@
-"""What chooses actions: GEM, its rivals, their ablations and checkpoints. Nothing here knows a simulator."""
+"""Policies choose actions: GEM, its rivals, their ablations and checkpoints. They do not import a simulator."""

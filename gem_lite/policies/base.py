@@ -1,8 +1,8 @@
-"""What every learned method shares: how it reads, acts and is trained; `PickPlacePolicy` is the interface.
+"""What every learned method shares: how it reads, acts and is trained. `PickPlacePolicy` is the interface.
 
-A method turns camera views into a `Scene` of its own, a scene and two queries into `Inputs`, and inputs
-into logits over angles and pixels. All the rest, from the sentence to the gripper and from the
-demonstration to the loss, is the same for all of them and stands here.
+A method turns camera views into its own kind of `Scene`, a scene and two queries into `Inputs`, and inputs into logits
+over angles and pixels. The rest is the same for all methods and is in this module: from the sentence to the action,
+and from the demonstration to the loss.
 """
 
 from __future__ import annotations
@@ -43,11 +43,12 @@ def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey,
     for key, demonstration in tqdm(numbered(demos), "scenes", len(demos), unit="episode"):
         for step in demonstration.steps:
             cameras = {view.camera.name for view in step.observation.views}
-            expected = expected or cameras
+            if not expected:
+                expected = cameras
             if cameras != expected:
                 raise ValueError(
                     f"demonstration {key[1]} of {key[0]} (seed {demonstration.seed}) has a step with the views of "
-                    f"{', '.join(sorted(cameras))}, where the steps before it have those of "
+                    f"{', '.join(sorted(cameras))}, but the steps before it have the views of "
                     f"{', '.join(sorted(expected))}; leave it out or collect it again"
                 )
             yield key, step
@@ -55,10 +56,10 @@ def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey,
 
 @dataclass(frozen=True)
 class Choice:
-    """A decision and what it was read from.
+    """A decision, and the logits from which it was made.
 
-    ``pick_logits`` and ``place_logits`` are (R, H, W); ``pick_cell`` and ``place_cell`` are (angle, row, col), the best
-    of the logits; for the pick, of those where `PickPlacePolicy.candidates` allows one.
+    ``pick_logits`` and ``place_logits`` are (R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
+    best logit; for the pick, only pixels that `PickPlacePolicy.candidates` allows count.
     """
 
     instruction: str
@@ -72,7 +73,7 @@ class Choice:
 
 
 class Scene(Protocol):
-    """What a method made of the camera views before it knows any query."""
+    """What a method computes from the camera views alone, before it knows a query."""
 
     @property
     def heightmap(self) -> HeightMap:
@@ -83,25 +84,25 @@ SceneT = TypeVar("SceneT", bound=Scene)
 
 
 class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
-    """A learned method: images and a sentence in, one pick and place out.
+    """A learned method: from images and a sentence to one pick and place.
 
     A new method has ``method`` and ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
     `gem_lite.policies.methods.register` makes it known by its name. The CLIP is no part of the module: it is frozen,
-    and `to` leaves it where it is (`Clip.to`).
+    and `to` does not move it (`Clip.to` does).
 
     Attributes:
-        method: the method's name, without what its configuration switches off.
+        method: the method's name, without the endings of its ablations.
         Config: the class of its configurations.
         pick, place: its two trainable modules.
         memory: the demonstrations' crops, for a method that retrieves them.
-        parser: what reads instructions.
+        parser: the reader of instructions.
 
     Args:
-        seed: of the weights.
-        parser: what reads instructions, in place of the parser that the configuration names.
+        seed: of the initial weights.
+        parser: a reader of instructions; by default the one that the configuration names.
 
     Raises:
-        ValueError: a configuration of another method.
+        ValueError: ``config`` belongs to another method.
     """
 
     method: ClassVar[str]
@@ -119,14 +120,14 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         self.config = config
         self.clip = clip
         self.memory = memory
-        self.parser = parser or language.PARSERS.find(config.parser)
+        self.parser = language.PARSERS.find(config.parser) if parser is None else parser
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.pick, self.place = self.build()
 
     @property
     def device(self) -> torch.device:
-        """Where the policy's networks are."""
+        """The device of the policy's networks."""
         return next(self.parameters()).device
 
     @property
@@ -136,7 +137,7 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     @property
     def recolors(self) -> bool:
-        """Whether training recolours its pictures: only where CLIP tells it the true colours beside them."""
+        """Whether training recolours the pictures. False, unless CLIP's features or maps keep the true colours."""
         return False
 
     @property
@@ -146,26 +147,26 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     @abstractmethod
     def build(self) -> tuple[nn.Module, nn.Module]:
-        """Fresh pick and place modules of ``config``'s sizes."""
+        """New pick and place modules with the sizes in ``config``."""
 
     @abstractmethod
     def embed(self, views: Sequence[View]) -> SceneT:
-        """All that does not depend on the queries."""
+        """Compute everything that does not depend on the queries."""
 
     @abstractmethod
     def inputs(self, scene: SceneT, queries: Queries) -> Inputs:
-        """What the networks see of a scene that `embed` made, given the queries."""
+        """The networks' inputs for a scene of `embed` and the queries."""
 
     @abstractmethod
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        """Logits (B, R, H, W) of picking at a pixel with a yaw, of batched inputs."""
+        """Logits (B, R, H, W) of batched inputs: of a pick at each pixel with each yaw."""
 
     @abstractmethod
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        """Logits (B, R, H, W) of placing at a pixel, turned by an angle, what lies at the pixels ``picks`` (B, 2)."""
+        """Logits (B, R, H, W) of a place at each pixel, turned by each angle, after ``picks`` at pixels (B, 2)."""
 
     def read(self, instruction: str | Queries) -> Queries:
-        """The two queries that the method gets to know; ready-made ones stay as they are.
+        """The two queries for the method. `Queries` are returned as they are.
 
         Raises:
             ValueError: the parser refuses the instruction.
@@ -183,25 +184,25 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""
 
     def prepare(self, demos: Sequence[Demonstration], start: int = 0) -> Iterator[PreparedStep]:
-        """What training does not change, computed step by step as it is asked for. `remember` comes first.
+        """What training does not change, computed lazily, step by step. Call `remember` first.
 
         Args:
-            start: how many steps to leave out at the beginning.
+            start: how many steps to skip at the beginning.
 
         Raises:
-            ValueError: a step lacks a camera's view, or has one more than the others.
+            ValueError: a step has other cameras than the steps before it.
         """
         for key, step in itertools.islice(numbered_steps(demos), start, None):
             yield self.prepare_step(step, key)
 
     def prepare_step(self, step: DemonstrationStep, key: EpisodeKey) -> PreparedStep:
-        """`prepare` of one step; ``key`` tells which episode it belongs to."""
+        """`prepare` for one step of the episode ``key``."""
         inputs = self.inputs(self.embed(step.observation.views), self.read(step.instruction))
         sample = label(step, inputs, self.config)
         return PreparedStep(sample, sample)
 
     def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
-        """Each module's cross-entropy over pixels and angles; the place is told the demonstrated pick (A.11)."""
+        """Each module's cross-entropy over pixels and angles. The place module gets the demonstrated pick (A.11)."""
         inputs = collate(batch, self.device)
         count = self.config.angles
         picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
@@ -220,9 +221,9 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """One pick and place.
 
         Args:
-            instruction: a sentence, or what to pick and where to place it: phrases or pictures.
-            empty_picks: where the tool has grasped nothing since it last held something, by its own log. The pick
-                keeps away from there (`Config.empty_radius`).
+            instruction: a sentence, or the two queries.
+            empty_picks: poses at which the tool has grasped nothing since it last held something, from its own log.
+                The pick keeps away from them (`Config.empty_radius`).
 
         Raises:
             ValueError: the parser refuses the instruction.
@@ -230,7 +231,7 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         return self.decide(observation, instruction, empty_picks).action
 
     def decide(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Choice:
-        """`act`, with what the action was read from."""
+        """As `act`, with the logits from which the action was read."""
         queries = self.read(instruction)
         scene = self.embed(observation.views)
         return self.choose(str(instruction), queries, scene.heightmap, self.inputs(scene, queries), empty_picks)
@@ -248,9 +249,10 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))
         place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
         place_cell = _argmax(place_logits)
-        workspace, angles = self.config.workspace, angle_bins(self.config.angles)
+        workspace = self.config.workspace
+        angles = angle_bins(self.config.angles)
         pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
-        # Δ turns the object as it lies, so the gripper ends at its pick yaw + Δ.
+        # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.
         place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
         return Choice(
             instruction, queries, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,

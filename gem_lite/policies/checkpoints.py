@@ -24,8 +24,7 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
     """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
 
     Args:
-        facts: what the JSON should hold besides configuration, CLIP, versions and date: task, seed,
-            demonstrations, data hash, seconds.
+        facts: further entries of the JSON: task, seed, demonstrations, data hash, seconds.
     """
     tensors = {name: value.detach().cpu().contiguous() for name, value in policy.named_parameters()}
     entries: list[dict] = []
@@ -48,13 +47,13 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
 
 def read_card(path: Path) -> dict:
     """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
-    for needed in (path, path.with_suffix(".json")):
-        if not needed.exists():
-            raise FileNotFoundError(f"the checkpoint {path} is not complete: {needed} is missing")
+    for file in (path, path.with_suffix(".json")):
+        if not file.exists():
+            raise FileNotFoundError(f"the checkpoint {path} is not complete: {file} is missing")
     card_file = path.with_suffix(".json")
     card = read_json(card_file.read_bytes(), card_file)
-    needed_types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
-    wrong = [key for key, kind in needed_types.items() if not isinstance(card.get(key), kind)]
+    types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
+    wrong = [key for key, kind in types.items() if not isinstance(card.get(key), kind)]
     if wrong:
         raise ValueError(f"{card_file} is no whole description of a checkpoint: see its {', '.join(wrong)}")
     return card
@@ -67,7 +66,7 @@ def load_policy(
 
     Args:
         settings: if given, the configuration that the checkpoint must have.
-        parser: what reads instructions, in place of the parser that the configuration names.
+        parser: a reader of instructions; by default the one that the configuration names.
 
     Raises:
         FileNotFoundError: no such checkpoint.
@@ -108,12 +107,12 @@ def load_policy(
     return policy
 
 
-def _differences(stored: Config, wanted: Config) -> str:
+def _differences(stored: Config, requested: Config) -> str:
     """The entries of two configurations that differ, in words."""
-    there = stored.as_dict()
-    asked = wanted.as_dict()
+    values = stored.as_dict()
+    requested_values = requested.as_dict()
     return "; ".join(
-        f"{key}: {there.get(key)!r} there, {asked.get(key)!r} asked for"
-        for key in there | asked
-        if there.get(key) != asked.get(key)
+        f"{key} is {values.get(key)!r}, not {requested_values.get(key)!r}"
+        for key in values | requested_values
+        if values.get(key) != requested_values.get(key)
     )

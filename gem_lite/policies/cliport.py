@@ -1,12 +1,12 @@
 """CLIPort (A.1.5): a semantic stream of frozen CLIP features beside a spatial one, fused on the way up.
 
-CLIP looks at the height map as one picture, once a scene; in training its features are moved along with
-the picture instead of being computed anew. Language enters as CLIPort's does, by products over the
-pixels: with learned features of CLIP's, then at every level of the semantic stream. Pick and place are
-Transporter's, with two streams wherever that has a U-Net.
+CLIP's features are computed from the height map as one picture, once for each scene; augmentation moves these features
+together with the picture. Language enters as in CLIPort, by products over the pixels: first with a learned convolution
+of CLIP's features, then at every level of the semantic stream. Pick and place are Transporter's, with two streams in
+the place of each U-Net.
 
-`GroundedClipPort` is a stronger rival than the paper's: it multiplies where CLIP itself compares pictures
-and words, so it need not learn which feature answers to which word.
+`GroundedClipPort` is a stronger rival than the paper's: it multiplies words and features in the space where CLIP itself
+compares pictures and words. So it need not learn which feature belongs to which word.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class TwoStream(nn.Module):
         self.lateral = nn.ModuleList(nn.Conv2d(2 * width, width, 1) for width in widths)
         self.out = nn.Conv2d(widths[-1], outputs, 1)
         for gate in self.gates:
-            # A product of small numbers four times over would leave nothing.
+            # Four products of small numbers would leave almost nothing.
             nn.init.ones_(cast(torch.Tensor, gate.bias))
 
     def forward(self, image: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
@@ -77,7 +77,7 @@ class TwoStream(nn.Module):
 
 
 class Projection(nn.Module):
-    """CLIPort's way in: a learned convolution of CLIP's features, times a learned projection of the words."""
+    """How language enters CLIPort: a learned convolution of CLIP's features times a learned projection of the words."""
 
     def __init__(self, features: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
@@ -87,12 +87,12 @@ class Projection(nn.Module):
 
     @staticmethod
     def outputs(config: ClipPortConfig) -> int:
-        """How many channels come out."""
+        """The number of output channels."""
         return 2 * config.widths[-1]
 
     def forward(self, coarse: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``coarse`` (B, C, h, w), ``words`` (B, D) to (B, outputs, h, w)."""
-        # Entries of unit vectors are about 1 / sqrt(D): as they are, the words would hardly be heard at first.
+        # Entries of unit vectors are about 1 / sqrt(D). Without the factor, words have little effect at first.
         gates = self.gate(words.shape[1] ** 0.5 * words)
         return F.relu(self.conv(coarse)) * gates[:, :, None, None]
 
@@ -106,17 +106,17 @@ class Grounding(nn.Module):
 
     @staticmethod
     def outputs(config: ClipPortConfig) -> int:
-        """How many channels come out."""
+        """The number of output channels."""
         return config.widths[0]
 
     def forward(self, coarse: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``coarse`` (B, D, h, w), ``words`` (B, D) to (B, outputs, h, w)."""
-        # Entries of unit vectors are about 1 / sqrt(D); their products are brought back to about 1.
+        # Entries of unit vectors are about 1 / sqrt(D); the factor D brings their products to about 1.
         return F.relu(self.match(words.shape[1] * coarse * words[:, :, None, None]))
 
 
 class WithSemantics(nn.Module):
-    """Joins semantic features, made of CLIP's and the words, to RGB-D, then applies a network to both."""
+    """Joins semantic features, made from CLIP's features and the words, to RGB-D, and applies a network to both."""
 
     def __init__(self, semantics: Projection | Grounding, network: nn.Module) -> None:
         super().__init__()
@@ -124,17 +124,17 @@ class WithSemantics(nn.Module):
         self.network = network
 
     def forward(
-        self, rgbd: torch.Tensor, coarse: torch.Tensor, words: torch.Tensor, *more: torch.Tensor
+        self, rgbd: torch.Tensor, coarse: torch.Tensor, words: torch.Tensor, *network_inputs: torch.Tensor
     ) -> torch.Tensor:
-        """``rgbd`` (B, 4, H, W), ``coarse`` (B, C, h, w), ``words`` (B, D), ``more`` of the network: what it gives."""
+        """``rgbd`` (B, 4, H, W), ``coarse`` (B, C, h, w), ``words`` (B, D) and further inputs to the output."""
         semantics = self.semantics(coarse, words)
         fine = F.interpolate(semantics, rgbd.shape[-2:], mode="bilinear", align_corners=False)
-        return self.network(torch.cat([rgbd, fine], dim=1), words, *more)
+        return self.network(torch.cat([rgbd, fine], dim=1), words, *network_inputs)
 
 
 @dataclass(frozen=True)
 class DenseView:
-    """What CLIPort sees before it knows any query: the table from above, and CLIP's features (D, h, w) of it."""
+    """CLIPort's scene: the table from above, and CLIP's features (D, h, w) of it."""
 
     heightmap: HeightMap
     features: torch.Tensor
@@ -156,21 +156,22 @@ class ClipPort(PickPlacePolicy[DenseView]):
         pick = TwoStream(inputs, c.angles, words, c)
         key, query = (TwoStream(inputs, c.channels, words, c) for _ in range(2))
         place = KeyQuery(key, query, c)
-        before_pick, before_place = (self.Semantics(self.clip.width, words, c) for _ in range(2))
-        return WithSemantics(before_pick, pick), WithSemantics(before_place, place)
+        pick_semantics, place_semantics = (self.Semantics(self.clip.width, words, c) for _ in range(2))
+        return WithSemantics(pick_semantics, pick), WithSemantics(place_semantics, place)
 
     @property
+    @override
     def recolors(self) -> bool:
-        """Whether training recolours its pictures; CLIP's features keep the true colours."""
-        return self.config.recolor
+        return self.config.recolor  # CLIP's features keep the true colours.
 
     @override
     def embed(self, views: Sequence[View]) -> DenseView:
         heightmap = fuse_views(views, self.config.workspace)
-        return DenseView(heightmap, self.look(heightmap.rgb, round(self.config.top_patch / self.config.pixel)))
+        patch = round(self.config.top_patch / self.config.pixel)
+        return DenseView(heightmap, self.picture_features(heightmap.rgb, patch))
 
-    def look(self, picture: np.ndarray, patch: int) -> torch.Tensor:
-        """What CLIP says of a picture's places: its features before they are pooled, as in CLIPort."""
+    def picture_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
+        """CLIP's features (D, h, w) of a picture (H, W, 3) before they are pooled, as in CLIPort."""
         return self.clip.dense_features(picture, patch)
 
     @override
@@ -187,12 +188,12 @@ class ClipPort(PickPlacePolicy[DenseView]):
 
 
 class GroundedClipPort(ClipPort):
-    """CLIPort, told where CLIP finds the words: its own comparison starts the stream. Stronger than the paper's."""
+    """CLIPort whose semantic stream starts from CLIP's own comparison of words and picture: a stronger rival."""
 
     method = "cliport-grounded"
     Semantics = Grounding
 
     @override
-    def look(self, picture: np.ndarray, patch: int) -> torch.Tensor:
-        """What CLIP says of a picture's places, where it compares them with words."""
+    @override
+    def picture_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
         return self.clip.embed_dense(picture, patch)

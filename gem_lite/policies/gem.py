@@ -53,14 +53,15 @@ class ActionModule(nn.Module):
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
-        # Fourier transforms and logits want all their digits, also where training is in mixed precision.
+        # Fourier transforms and logits need full precision, even where training uses mixed precision.
         with torch.autocast(features.device.type, enabled=False):
-            features, kernel = features.float(), kernel.float()
+            features = features.float()
+            kernel = kernel.float()
             if self.config.kernels == "steerable":
                 lifted = SteerableKernel.lift(kernel, self.config.rotations, self.config.frequency)
                 return sample(lifted.correlate(features), self.angles)
             scores = correlate(features, kernel.unflatten(1, (-1, self.config.channels)))
-            return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel scores every angle alike
+            return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel gives every angle the same score
 
 
 class PickModule(ActionModule):
@@ -85,13 +86,13 @@ class PlaceModule(ActionModule):
     def forward(
         self, rgbd: torch.Tensor, semantic: torch.Tensor, words: torch.Tensor, crop: torch.Tensor
     ) -> torch.Tensor:
-        """As `PickModule`, with ``crop`` (B, 5, h, h) of RGB-D and pick map, unrotated, at the pick."""
+        """As `PickModule`, with ``crop`` (B, 5, h, h): RGB-D and pick map around the pick, not rotated."""
         return self.score(self.features(rgbd, semantic, words), self.kernel(crop))
 
 
 @dataclass(frozen=True)
 class QueryMaps:
-    """The semantic maps of one query, (H, W) float32; ``image`` is None where there is no picture to compare with."""
+    """The semantic maps of one query, (H, W) float32; ``image`` is None if there is no picture to compare with."""
 
     text: np.ndarray
     image: np.ndarray | None
@@ -101,7 +102,7 @@ class QueryMaps:
 def joined(members: Sequence[QueryMaps]) -> QueryMaps:
     """The maps of "X and Y": the members' maps are scaled to equally high peaks; each cell gets the largest value.
 
-    CLIP may answer less to X than to Y. Without the scaling, X would then be the darker one in the joined map.
+    CLIP's cosines may be lower for X than for Y. Without the scaling, X would be darker than Y in the joined map.
     """
     images = [member.image for member in members if member.image is not None]
     return QueryMaps(
@@ -112,7 +113,7 @@ def joined(members: Sequence[QueryMaps]) -> QueryMaps:
 
 
 def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
-    """(H, W) maps to one: each is scaled until its peak is as high as the highest peak; a map without one stays."""
+    """The maximum (H, W) of maps (H, W), each scaled to the highest peak, unless it is nowhere positive."""
     peaks = [member.max() for member in maps]
     highest = float(max(peaks))
     scaled = [
@@ -122,17 +123,18 @@ def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: GemConfig) -> torch.Tensor:
-    """The allowed cells beside which a semantic map is at most ``config.peak_margin`` below its highest allowed value.
+    """The allowed cells close to cells where a semantic map is near its highest allowed value.
 
-    The networks weigh a map against all else that they see, and may prefer an object on which the map is low. Here the
-    map's ranking of the objects comes first, and the networks choose among what is left.
+    "Near" means at most ``config.peak_margin`` below it, "close" within ``config.peak_radius``. The networks weigh a
+    map against their other inputs, and may prefer an object on which the map is low. This rule lets the map choose the
+    object; the networks choose among the cells that are left.
 
     Args:
-        semantic: (..., H, W); the peak is taken over all of it.
+        semantic: (..., H, W); one peak is taken over all of it.
         allowed: (..., H, W) bool, at least one of them.
 
     Returns:
-        (..., H, W) bool. All of ``allowed`` without a margin.
+        (..., H, W) bool. Without a margin, all of ``allowed``.
     """
     if config.peak_margin is None:
         return allowed
@@ -145,9 +147,9 @@ def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: GemConfig) 
 
 @dataclass(frozen=True)
 class Decision(Choice):
-    """Everything on the way from a sentence to an action, for figures.
+    """A choice with all maps that led to it, for figures.
 
-    Maps are (H, W) float32; ``pick_image`` and ``place_image`` are None where no crop was retrieved.
+    Maps are (H, W) float32; ``pick_image`` and ``place_image`` are None if no crop was retrieved.
     """
 
     pick_text: np.ndarray
@@ -159,7 +161,7 @@ class Decision(Choice):
 
 
 class Policy(PickPlacePolicy[SceneEmbedding]):
-    """The paper's method, less what its configuration switches off (Table A2)."""
+    """The paper's method, without the parts that its configuration switches off (Table A2)."""
 
     method = "gem"
     Config = GemConfig
@@ -173,28 +175,28 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
 
     @cached_property
     def source(self) -> sources.MapSource:
-        """What makes the text-conditioned maps."""
+        """The source of the text-conditioned maps."""
         return sources.SOURCES.find(self.config.semantic_map)(self.clip, self.config)
 
     @property
     def retrieves(self) -> bool:
         """Whether the maps need the demonstrations' crops."""
-        return self.source.sees and self.config.image_weight > 0
+        return self.source.uses_views and self.config.image_weight > 0
 
     @property
+    @override
     def recolors(self) -> bool:
-        """Whether training recolours its pictures; the maps keep the true colours."""
-        return self.config.recolor and self.source.sees
+        return self.config.recolor and self.source.uses_views  # The maps keep the true colours.
 
     @override
     def embed(self, views: Sequence[View]) -> SceneEmbedding:
         return self.source.embed(views)
 
     def maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None = None) -> QueryMaps:
-        """A query's maps: Eq. 1-4 up to the depth, which belongs to the networks.
+        """A query's maps: Eq. 1-4 without the depth, which the networks add.
 
         Args:
-            hidden: an episode whose crops must not be retrieved (training's own).
+            hidden: an episode whose crops must not be retrieved; in training, the step's own.
         """
         if self.config.conjuncts and isinstance(query, str):
             return joined([self._member_maps(scene, member, hidden) for member in language.conjuncts(query)])
@@ -215,7 +217,7 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return self._inputs(scene, queries, pick.fused, place.fused)
 
     def _inputs(self, scene: SceneEmbedding, queries: Queries, pick: np.ndarray, place: np.ndarray) -> Inputs:
-        return Inputs(rgbd=to_rgbd(scene.heightmap), maps=_named(pick, place), words=self.words(queries))
+        return Inputs(rgbd=to_rgbd(scene.heightmap), maps=_maps_by_role(pick, place), words=self.words(queries))
 
     @override
     def remember(self, demos: Sequence[Demonstration]) -> None:
@@ -234,7 +236,7 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         pick = self.maps(scene, queries.pick, hidden)
         place = self.maps(scene, queries.place, hidden)
         with_image = label(step, self._inputs(scene, queries, pick.fused, place.fused), self.config)
-        return PreparedStep(with_image, replace(with_image, maps=_named(pick.text, place.text)))
+        return PreparedStep(with_image, replace(with_image, maps=_maps_by_role(pick.text, place.text)))
 
     @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
@@ -242,7 +244,6 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
 
     @override
     def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
-        """(H, W) bool: where a pick is allowed; besides, only where its semantic map is near its peak."""
         return near_peak(inputs.maps["pick"][0], super().candidates(inputs, empty_picks), self.config)
 
     @override
@@ -250,7 +251,7 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return self.place(inputs.rgbd, inputs.maps["place"], inputs.words["place"], self.place_crop(inputs, picks))
 
     def place_crop(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        """What the place's kernel is made from: RGB-D and pick map around the pixels ``picks`` (B, 2), (B, 5, h, h)."""
+        """The crops (B, 5, h, h) that make the place kernels: RGB-D and pick map around the pixels ``picks`` (B, 2)."""
         return crop_at(torch.cat([inputs.rgbd, inputs.maps["pick"]], dim=1), picks, self.config.crop)
 
     @override
@@ -269,6 +270,6 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         )  # fmt: skip
 
 
-def _named(pick: np.ndarray, place: np.ndarray) -> dict[str, torch.Tensor]:
+def _maps_by_role(pick: np.ndarray, place: np.ndarray) -> dict[str, torch.Tensor]:
     """The maps (H, W) of pick and place as `Inputs` holds them."""
     return {"pick": torch.from_numpy(pick)[None], "place": torch.from_numpy(place)[None]}

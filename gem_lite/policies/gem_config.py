@@ -39,7 +39,7 @@ ABLATIONS = {
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off what is ours: narrow patches, recolouring, map scaling, conjuncts, empty spots."""
+off our additions: narrow patches, recolouring, map scaling, conjuncts, empty spots."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ class GemConfig(PatchConfig):
         drop_image_map: how often training hides the image-conditioned map.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
-        map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain`` and adds up
-            to ``map_offset`` to it or takes it off (`augment.rescaled`).
+        map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
+            offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
-        peak_margin, peak_radius: a pick lies at most so far (m, ``peak_radius``) from where its map is at most
-            ``peak_margin`` below its highest value; with None for the margin it may lie anywhere.
+        peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a cell where its map is at most
+            ``peak_margin`` below its highest value; with a margin of None it may lie anywhere.
         rotations: n, into how many rotations a kernel is lifted.
         frequency: K, the largest Fourier frequency kept.
         kernel: h, side of the dynamic kernel (pixels, odd).
@@ -66,7 +66,7 @@ class GemConfig(PatchConfig):
         channels: channels that features and kernels share.
         semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
         kernels: how one kernel becomes one for each angle.
-        language_in_attention: whether the attention U-Nets are told the words.
+        language_in_attention: whether the attention U-Nets get the words.
     """
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {

@@ -33,7 +33,7 @@ def _first_line(method: type[PickPlacePolicy]) -> str:
 
 
 def meanings() -> dict[str, str]:
-    """What every method is, and every method with one ending, by its name; a name may have several endings."""
+    """The meaning of every method, alone and with one ending, by its name; a name may have several endings."""
     plain = {name: _first_line(METHODS.find(name)) for name in METHODS.names()}
     ablated = {
         f"{name}-{ending}": ablation.meaning
@@ -76,7 +76,7 @@ def split(name: str) -> tuple[str, tuple[str, ...]]:
 
 
 def find(name: str, preset: str = "lite") -> tuple[type[PickPlacePolicy], Config]:
-    """The class of a method's name, and one of its presets with what the name switches off.
+    """The class of a method's name, and one of its presets changed by the name's endings.
 
     Raises:
         ValueError: no such method or preset, or endings that contradict each other.

@@ -1,6 +1,6 @@
 """The learned parts: residual U-Net, depth encoder, and the two kernel generators.
 
-No layer normalises over a picture: that would tie every pixel to the whole scene and break local
+No layer normalises over a picture: every pixel would then depend on the whole scene, which breaks local
 equivariance.
 """
 
@@ -22,7 +22,7 @@ from gem_lite.steerable import disc
 
 
 class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions beside a 1 x 1 shortcut; the second starts at 0, so it starts as the shortcut."""
+    """Two 3 x 3 convolutions beside a 1 x 1 shortcut. The second starts at 0, so the block starts as its shortcut."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -39,9 +39,9 @@ class ResidualBlock(nn.Module):
 class UNet(nn.Module):
     """The vision-language encoder A (Fig. 3): eight residual blocks, language at the bottleneck.
 
-    Four blocks with max-pooling halve the picture, four with bilinear upsampling bring it back; the
-    language vector is joined to every pixel of the bottleneck, or left out if ``language_dim`` is None.
-    H and W must be multiples of 16.
+    Four blocks with max-pooling each halve the picture; four with bilinear upsampling each double it. The language
+    vector is joined to every pixel of the bottleneck, or left out if ``language_dim`` is None. H and W must be
+    multiples of 16.
 
     Args:
         joins: at how many levels the language is joined, from the bottleneck upwards.
@@ -67,7 +67,7 @@ class UNet(nn.Module):
         self.out = nn.Conv2d(widths[0], outputs, 1)
 
     def decode(self, x: torch.Tensor, language: torch.Tensor | None = None) -> list[torch.Tensor]:
-        """What each block of the way up puts out, (B, decoder_widths[i], H / 2^(3-i), W / 2^(3-i))."""
+        """The output of each upsampling block, (B, decoder_widths[i], H / 2^(3-i), W / 2^(3-i))."""
         if x.shape[-1] % 16 or x.shape[-2] % 16:
             raise ValueError(f"height and width must be multiples of 16, got {tuple(x.shape[-2:])}")
         skips = []
@@ -78,12 +78,16 @@ class UNet(nn.Module):
         def join(layer: nn.Module, x: torch.Tensor) -> torch.Tensor:
             return torch.cat([x, layer(language)[:, :, None, None].expand(-1, -1, *x.shape[-2:])], dim=1)
 
-        x = F.relu(self.bottleneck(x if self.language is None else join(self.language, x)))
+        if self.language is not None:
+            x = join(self.language, x)
+        x = F.relu(self.bottleneck(x))
         levels = []
         for level, block in enumerate(self.up):
             x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
             x = torch.cat([x, skips.pop()], dim=1)
-            x = block(join(self.language_above[level], x) if level < len(self.language_above) else x)
+            if level < len(self.language_above):
+                x = join(self.language_above[level], x)
+            x = block(x)
             levels.append(x)
         return levels
 
@@ -93,7 +97,7 @@ class UNet(nn.Module):
 
 
 def decoder_widths(widths: Sequence[int]) -> list[int]:
-    """Channels of the four blocks on a `UNet`'s way up, from H / 8 to H."""
+    """Channels of the four upsampling blocks of a `UNet`, from H / 8 to H."""
     return [*reversed(widths[:-1]), widths[0]]
 
 
@@ -109,7 +113,7 @@ class SemanticRefiner(nn.Module):
             nn.ReLU(),
         )
         self.linear = nn.Conv2d(1 + depth_features, channels, 1)
-        # Start out as the raw map itself: learning begins from what CLIP says.
+        # The output starts as nearly the raw map, so that learning begins from CLIP's map.
         nn.init.normal_(self.linear.weight, std=0.02)
         nn.init.ones_(self.linear.weight[:, :1])
         nn.init.zeros_(cast(torch.Tensor, self.linear.bias))
@@ -122,8 +126,8 @@ class SemanticRefiner(nn.Module):
 class LanguageKernel(nn.Module):
     """psi(language): a small U-Net from the expanded language vector to a kernel (A.1.2).
 
-    Two coordinate channels go in beside the language, since a picture that is the same everywhere
-    gives a convolution no place to start from. Strided layers keep odd sizes centred (17, 9, 5).
+    Two coordinate channels are joined to the language: a convolution cannot tell the pixels of a constant picture
+    apart. Strided layers keep odd sizes centred (17, 9, 5).
     """
 
     def __init__(self, size: int, channels: int, language_dim: int, widths: Sequence[int]) -> None:
@@ -158,8 +162,8 @@ class CropKernel(nn.Module):
     """psi(crop): rotation-equivariant layers of e2cnn from an unrotated crop to a kernel (Fig. A3).
 
     Input and output are trivial fields, so turning the crop turns the kernel: psi(T_g c) = T_g psi(c),
-    exactly for quarter turns and up to interpolation for the rest of C_8. The crop is read inside its
-    disc only: what its corners show would come and go as it turns.
+    exactly for quarter turns and up to interpolation for the rest of C_8. Only the crop's disc is read, since a turn
+    moves its corners out of the picture.
     """
 
     def __init__(self, inputs: int, channels: int, fields: int) -> None:
@@ -168,7 +172,8 @@ class CropKernel(nn.Module):
         self._input = enn.FieldType(space, inputs * [space.trivial_repr])
         hidden = enn.FieldType(space, fields * [space.regular_repr])
         output = enn.FieldType(space, channels * [space.trivial_repr])
-        layers, previous = [], self._input
+        layers: list[nn.Module] = []
+        previous = self._input
         with warnings.catch_warnings():
             # e2cnn 0.2.3 indexes with uint8 masks, which torch still allows.
             warnings.simplefilter("ignore")
@@ -184,5 +189,5 @@ class CropKernel(nn.Module):
 
 
 def parameter_count(module: nn.Module) -> int:
-    """Trainable parameters."""
+    """The number of trainable parameters."""
     return sum(math.prod(p.shape) for p in module.parameters() if p.requires_grad)

@@ -1,4 +1,4 @@
-"""What the networks see of a step, and what they should answer: inputs, samples, labels and the loss."""
+"""The networks' inputs for a step and the right answers: inputs, samples, labels and the loss."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gem_lite.rgbd.heightmap import HeightMap
 HEIGHT_SCALE = 0.05
 """Metres that become 1 in a network's height channel."""
 TABLE_GRAY = 0.2
-"""About the bare table's colour, of 1; a network's colours are measured from it."""
+"""About the bare table's colour, in [0, 1]. It is subtracted from a network's colours."""
 TABLE_LEVEL = 49
-"""The bare table's gray level, of 255, in the light in which demonstrations are collected."""
-BARE = 0.005
-"""Metres below which a cell of the height map shows the bare table."""
+"""The bare table's gray level, in [0, 255], in the light in which demonstrations are collected."""
+BARE_HEIGHT = 0.005
+"""A cell of the height map that is lower (m) shows the bare table."""
 RGBD = 4
 """Channels of colour and height."""
 
@@ -30,18 +30,18 @@ RGBD = 4
 def exposure(heightmap: HeightMap) -> float:
     """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
 
-    A brighter lamp makes table and objects brighter alike, and the table is the same in every scene. So it
-    tells how bright the lamp is, as a photographer's gray card does.
+    A brighter lamp makes table and objects brighter by the same factor, and the table is the same in every scene. So
+    the table shows how bright the lamp is, like a photographer's gray card.
     """
-    bare = heightmap.rgb[heightmap.height < BARE]
+    bare = heightmap.rgb[heightmap.height < BARE_HEIGHT]
     level = float(np.median(bare)) if len(bare) else TABLE_LEVEL
     return TABLE_LEVEL / max(level, 1.0)
 
 
 def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
-    """(4, H, W) float32: colour around the bare table's, height in units of 50 mm; bare table is about 0.
+    """(4, H, W) float32: colour minus the bare table's, and height in units of 50 mm. The bare table is about 0.
 
-    Colours are those of the demonstrations' light, whatever the light of the scene: see `exposure`.
+    Colours are corrected to the light of the demonstrations, see `exposure`.
     """
     rgb = exposure(heightmap) * torch.from_numpy(heightmap.rgb).float().permute(2, 0, 1) / 255 - TABLE_GRAY
     height = torch.from_numpy(heightmap.height)[None] / HEIGHT_SCALE
@@ -49,7 +49,7 @@ def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
 
 
 def to_picture(rgbd: torch.Tensor) -> np.ndarray:
-    """(H, W, 3) float32 in [0, 1]: the colours of what `to_rgbd` made, recoloured or not."""
+    """(H, W, 3) float32 in [0, 1]: the colours of an output of `to_rgbd`, recoloured or not."""
     return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
 
 
@@ -63,14 +63,14 @@ def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tenso
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """What a method's networks see of one scene; all of it frozen, so that training computes it once.
+    """What a method's networks read of one scene. It has no trained part, so training computes it once.
 
     Batched inputs (`collate`) have one more axis in front of every tensor.
 
     Attributes:
         rgbd: (4, H, W), of `to_rgbd`.
-        maps: semantic maps (1, H, W) by name; a method that has them names its own.
-        features: features (D, h, w) by name, that cover the same table with fewer cells.
+        maps: semantic maps (1, H, W) by name, if the method has any.
+        features: features (D, h, w) by name, if the method has any; they cover the same table with fewer cells.
         words: embeddings (D,) of the queries by name.
     """
 
@@ -100,38 +100,38 @@ class Sample(Inputs):
 
 @dataclass(frozen=True)
 class PreparedStep:
-    """A demonstrated step with all that stays frozen.
+    """A demonstrated step with everything that training does not change.
 
-    ``with_image`` holds the image-conditioned blend (the text map itself where nothing was retrieved; the step's own
-    episode never is), ``text_only`` the map without it. To a method without image-conditioned maps both are the same.
+    ``with_image`` holds the blend of text- and image-conditioned map (the text map itself if no crop was retrieved),
+    ``text_only`` the text map. For a method without image-conditioned maps both are the same.
     """
 
     with_image: Sample
     text_only: Sample
 
 
-def collate(several: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
-    """A batch: every tensor of ``several`` with a leading batch axis. All must have the same names and shapes."""
+def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
+    """A batch: every tensor of ``items`` with a leading batch axis. All must have the same names and shapes."""
 
-    def stacked(tensors: Iterable[torch.Tensor]) -> torch.Tensor:
+    def stack(tensors: Iterable[torch.Tensor]) -> torch.Tensor:
         return torch.stack(list(tensors)).to(device)
 
-    def stacked_by_name(entries: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
-        return {name: stacked(entry[name] for entry in entries) for name in entries[0]}
+    def stack_by_name(entries: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
+        return {name: stack(entry[name] for entry in entries) for name in entries[0]}
 
     return Inputs(
-        rgbd=stacked(inputs.rgbd for inputs in several),
-        maps=stacked_by_name([inputs.maps for inputs in several]),
-        features=stacked_by_name([inputs.features for inputs in several]),
-        words=stacked_by_name([inputs.words for inputs in several]),
+        rgbd=stack(inputs.rgbd for inputs in items),
+        maps=stack_by_name([inputs.maps for inputs in items]),
+        features=stack_by_name([inputs.features for inputs in items]),
+        words=stack_by_name([inputs.words for inputs in items]),
     )
 
 
 def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
-    """A step's inputs with what the expert did.
+    """A step's inputs with the expert's action as labels.
 
     Raises:
-        ValueError: the expert did something else than a pick and place.
+        ValueError: the expert's action is no pick and place.
     """
     action = step.expert.action
     workspace = config.workspace
@@ -149,7 +149,7 @@ def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
 
 
 def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
-    """The angle bins that a label spreads over: the nearest bin of every equivalent angle.
+    """The angle bins of a label: the nearest bin of every equivalent angle.
 
     ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
     """
@@ -161,7 +161,7 @@ def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
 
 
 def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
-    """Mean cross-entropy of (B, R, H, W) logits against one pixel and its equally right angles each."""
-    labelled = zip(logits, cells, strict=True)
-    right = torch.stack([scores[bins, row, col].mean() for scores, (bins, row, col) in labelled])
-    return (logits.flatten(1).logsumexp(dim=1) - right).mean()
+    """Mean cross-entropy of logits (B, R, H, W); each label is a pixel and its equally right angle bins."""
+    pairs = zip(logits, cells, strict=True)
+    right_logits = torch.stack([scores[bins, row, col].mean() for scores, (bins, row, col) in pairs])
+    return (logits.flatten(1).logsumexp(dim=1) - right_logits).mean()

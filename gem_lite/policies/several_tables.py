@@ -1,8 +1,8 @@
-"""One policy over several tables (A.12): stitch their action maps, split the answer.
+"""One policy over several tables (A.12): stitch their action maps, and split the best cell.
 
-The policy learned on one table. Its networks are convolutions and its kernels come from words or a crop, so
-the same kernel is correlated with the features of every table at once; one argmax over all of them says
-which table, which pixel and which angle.
+The policy learned on one table. Its networks are convolutions, and its kernels come from words or a crop. So the same
+kernel can be correlated with the features of every table. One argmax over all tables gives the table, the pixel and
+the angle.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def score_tables(
 
     Args:
         inputs: of N tables.
-        role: which of the two queries' maps and words.
+        role: whose maps and words to use.
         kernel: (1, C, h, h).
     """
-    # One table after the other: a batch of convolutions rounds otherwise, and is no faster on a CPU.
+    # One table after the other: a batch of convolutions is rounded differently, and is no faster on a CPU.
     features = [
         module.features(rgbd[None], semantic[None], words[None])
         for rgbd, semantic, words in zip(inputs.rgbd, inputs.maps[role], inputs.words[role], strict=True)
@@ -56,10 +56,10 @@ def score_tables(
 
 @dataclass(frozen=True)
 class MobileChoice:
-    """One pick and one place over N tables, and what they were read from.
+    """One pick and one place over N tables, and the inputs and logits that led to them.
 
-    ``pick_logits`` and ``place_logits`` are (N, R, H, W). ``pick`` is in the frame of table ``pick_table``;
-    ``place`` in that of table ``place_table``, its yaw the gripper's there.
+    ``pick_logits`` and ``place_logits`` are (N, R, H, W). ``pick`` is in the frame of table ``pick_table``. ``place``
+    is in the frame of table ``place_table``; its yaw is the gripper's.
     """
 
     instruction: str
@@ -75,7 +75,7 @@ class MobileChoice:
 
     @property
     def action(self) -> PickPlace:
-        """What to do."""
+        """The action to do."""
         return PickPlace(self.pick, self.place, self.pick_table, self.place_table)
 
 
@@ -83,7 +83,7 @@ def check_policy(policy: PickPlacePolicy) -> gem.Policy:
     """The policy, if it can choose over several tables.
 
     Raises:
-        ValueError: it is no GEM policy, so that it has no kernel to score every table's features with.
+        ValueError: it is no GEM policy: it has no kernel to correlate with every table's features.
     """
     if not isinstance(policy, gem.Policy):
         raise ValueError(
@@ -95,18 +95,18 @@ def check_policy(policy: PickPlacePolicy) -> gem.Policy:
 
 @torch.inference_mode()
 def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str | Queries) -> MobileChoice:
-    """What to pick from which table, and where to place it on which. The policy's networks compute where they are.
+    """The best pick over all tables, then the best place for it over all tables.
 
     Raises:
-        ValueError: a policy that cannot (`check_policy`); no observation; the parser refuses the instruction.
+        ValueError: `check_policy` refuses the policy, there is no observation, or the parser refuses the instruction.
     """
     check_policy(policy)
     if not observations:
         raise ValueError("observations is empty: there must be one for each table")
     queries = policy.read(instruction)
     scenes = [policy.embed(observation.views) for observation in observations]
-    several = [policy.inputs(scene, queries) for scene in scenes]
-    inputs = collate(several, policy.device)
+    table_inputs = [policy.inputs(scene, queries) for scene in scenes]
+    inputs = collate(table_inputs, policy.device)
     policy.eval()
     workspace = policy.config.workspace
     bins = angle_bins(policy.config.angles)
@@ -116,14 +116,14 @@ def choose(policy: gem.Policy, observations: Sequence[Observation], instruction:
     candidates = gem.near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), policy.config)
     pick_table, (angle, *pixel) = _best(pick_logits.masked_fill(~candidates[:, None], -torch.inf))
     pick = Pose2(*workspace.to_world(*pixel), bins[angle])
-    held = collate([several[pick_table]], policy.device)
-    kernel = policy.place.kernel(policy.place_crop(held, torch.tensor([pixel])))
+    pick_inputs = collate([table_inputs[pick_table]], policy.device)
+    kernel = policy.place.kernel(policy.place_crop(pick_inputs, torch.tensor([pixel])))
     place_logits = score_tables(policy.place, inputs, "place", kernel)
     place_table, (angle, *pixel) = _best(place_logits)
-    # Δ turns the picture of the one table's crop into the picture of the other table.
+    # Δ turns the crop's picture, from the pick's table, into the picture of the place's table.
     place = Pose2(*workspace.to_world(*pixel), pick.yaw + bins[angle])
     return MobileChoice(
-        str(instruction), queries, tuple(scene.heightmap for scene in scenes), collate(several),
+        str(instruction), queries, tuple(scene.heightmap for scene in scenes), collate(table_inputs),
         pick_logits.numpy(force=True), place_logits.numpy(force=True), pick_table, pick, place_table, place,
     )  # fmt: skip
 

@@ -1,12 +1,12 @@
 """Transporter-Lan (A.1.5): Transporter Networks with the language at the bottleneck of every U-Net.
 
-In `lite` it is joined one level higher, too (`TransporterConfig.joins`).
+In `lite` it is joined at the next level as well (`TransporterConfig.joins`).
 
-The pick is a U-Net's own map, so it moves with the table by 16 pixels and has to learn every angle. The
-place correlates the scene's features (key) with those of the crop at the pick (query). The crop is turned
-by every angle before the query network sees it: turning the picked object by an angle bin moves the best
-place angle back by as much, exactly but for interpolation, whatever the networks are (half of Eq. 6).
-Turning the goal is something the key network has to learn.
+The pick's logits are the output of a U-Net. So they are equivariant to shifts by 16 pixels, and the network has to
+learn every angle. The place correlates the scene's features (key) with those of the crop at the pick (query). The crop
+is turned by every angle before it enters the query network. So if the picked object is turned by one angle bin, the
+best place angle moves back by one bin, for any weights and up to interpolation (half of Eq. 6). The key network has to
+learn turns of the goal.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ class TransporterConfig(KeyQueryConfig):
     """Transporter-Lan's numbers.
 
     Attributes:
-        joins: at how many levels the U-Nets are told the words, from the bottleneck up. The paper's has 1; `lite`'s
-            bottleneck has cells twice as wide, wider than a block, and its next level has the paper's.
+        joins: at how many levels the words are joined to the U-Nets, from the bottleneck up. The paper has 1. The cells
+            of `lite`'s bottleneck are twice as wide as the paper's, wider than a block; those of its next level are as
+            wide as the paper's.
     """
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
@@ -70,7 +71,7 @@ class TransporterConfig(KeyQueryConfig):
 
 
 def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:
-    """Squares around pixels, of the picture turned about them: nothing is cut by turning.
+    """Squares around pixels of a picture that is turned about these pixels, so that turning cuts nothing off.
 
     Args:
         image: (B, C, H, W); outside is 0.
@@ -83,8 +84,8 @@ def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor
     """
     reach = math.ceil(size / math.sqrt(2))
     wide = crop_at(image, pixels, 2 * reach + 1)  # holds the square at any angle
-    inside = slice(reach - size // 2, reach + size // 2 + 1)
-    return torch.stack([rotate_image(picture[None], angles)[..., inside, inside] for picture in wide])
+    middle = slice(reach - size // 2, reach + size // 2 + 1)
+    return torch.stack([rotate_image(picture[None], angles)[..., middle, middle] for picture in wide])
 
 
 class KeyQuery(nn.Module):
@@ -115,7 +116,7 @@ class KeyQuery(nn.Module):
         """The query of every angle, (B, R, F, size, size)."""
         crops = turned_crops(image, picks, self.angles, self.size)
         batch, count = crops.shape[:2]
-        # The networks halve four times: one more row and column makes a multiple of 16.
+        # The networks halve the size four times: one more row and column makes it a multiple of 16.
         padded = F.pad(crops.flatten(0, 1), (0, 1, 0, 1))  # (B*R, C, size+1, size+1)
         features = self.kernel(padded, words.repeat_interleave(count, dim=0))[..., : self.size, : self.size]
         return features.unflatten(0, (batch, count)) / self.size
@@ -123,13 +124,13 @@ class KeyQuery(nn.Module):
 
 @dataclass(frozen=True)
 class TopView:
-    """What Transporter-Lan sees before it knows any query: the table from above."""
+    """Transporter-Lan's scene: the table from above."""
 
     heightmap: HeightMap
 
 
 class TransporterLan(PickPlacePolicy[TopView]):
-    """Transporter Networks with language: nothing of CLIP but its embeddings of the queries."""
+    """Transporter Networks with language: of CLIP they use only the embeddings of the queries."""
 
     method = "transporter-lan"
     Config = TransporterConfig

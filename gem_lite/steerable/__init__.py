@@ -15,10 +15,10 @@ which can be sampled at any angle. Psi is real, so c_-k is the conjugate of c_k 
 R = (h + 1) / 2, written in polar harmonics f(r) exp(i m phi) with f a Bessel function (the modes of a
 round drum), up to the highest frequency, pi a pixel, that pixels carry in *every* direction. Turning a
 harmonic by theta multiplies it by exp(-i m theta): exact, for any angle, and nothing is resampled. So no
-rotated kernel is ever made: pixels to coefficients c_k is one fixed linear map, kept between calls. What
-a kernel holds beyond that band (a quarter of white noise on the disc, and the corners of its square)
-cannot be turned by anybody and is left out, by least squares; see `band_limited`. The only approximation
-after that is the cut at K, which the caller chooses.
+rotated kernel is ever made: one fixed linear map takes pixels to coefficients c_k, and it is kept between calls. The
+part of a kernel beyond that band (a quarter of white noise on the disc, and the corners of its square) has no exact
+rotation. It is left out, by least squares; see `band_limited`. After that, the only approximation is the cut at K,
+which the caller chooses.
 """
 
 from __future__ import annotations
@@ -52,12 +52,13 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     radius = (size + 1) / 2
     offset = np.arange(size) - (size - 1) / 2
     x, y = np.meshgrid(offset, -offset)  # rows point down
-    phi, inside = np.arctan2(y, x).ravel(), disc(size).numpy().ravel()
+    phi = np.arctan2(y, x).ravel()
+    inside = disc(size).numpy().ravel()
     distances, ring = np.unique(np.hypot(x, y), return_inverse=True)
     orders: list[int] = []
     functions: list[np.ndarray] = []
     for m in range(size * size):
-        wavenumbers = jn_zeros(m, size) / radius  # zeros of J_m are about pi apart: more than the band holds
+        wavenumbers = jn_zeros(m, size) / radius  # more than the band holds: zeros of J_m are about pi apart
         wavenumbers = wavenumbers[wavenumbers <= math.pi, None]
         if not len(wavenumbers):
             break
@@ -80,7 +81,7 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=6)
-@torch.inference_mode(False)  # what a decision made first, training must be able to use
+@torch.inference_mode(False)  # so that training can use tensors that a decision cached
 def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """`harmonics` as tensors, the orders real and the rest complex."""
     orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
@@ -142,14 +143,14 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
 def _lift_map(
     size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The harmonics that land in each k = 0..K: analysis and synthesis (K + 1, J, size^2), padded with 0.
+    """The harmonics that contribute to each k = 0..K: analysis and synthesis (K + 1, J, size^2), padded with 0.
 
-    A harmonic of order m turns by exp(-i m theta), so over n rotations it lands in k = -m modulo n.
+    A harmonic of order m turns by exp(-i m theta), so over n rotations it contributes to k = -m modulo n.
     """
     orders, analysis, synthesis = harmonics(size)
-    landing = [np.flatnonzero((-orders) % rotations == k) for k in range(frequency + 1)]
-    parts = np.zeros((2, frequency + 1, max(map(len, landing)), size * size), dtype=complex)
-    for k, chosen in enumerate(landing):
+    contributing = [np.flatnonzero((-orders) % rotations == k) for k in range(frequency + 1)]
+    parts = np.zeros((2, frequency + 1, max(map(len, contributing)), size * size), dtype=complex)
+    for k, chosen in enumerate(contributing):
         parts[0, k, : len(chosen)] = analysis[chosen]
         parts[1, k, : len(chosen)] = synthesis[chosen]
     return tuple(torch.from_numpy(parts).to(device, dtype))
@@ -171,7 +172,7 @@ class SteerableKernel:
             frequency: K, below n / 2.
 
         Raises:
-            ValueError: on a kernel or a frequency other than these.
+            ValueError: the kernel or the frequency is not as above.
         """
         batch, channels, size, _ = _check_kernel(kernel)
         _check_frequency(frequency, rotations)
@@ -183,7 +184,7 @@ class SteerableKernel:
         return cls(coefficients.view(-1, batch, channels, size, size).transpose(0, 1))
 
     def turned(self, angle: float) -> SteerableKernel:
-        """The lift of the kernel turned by ``angle``: c_k times exp(i k angle), in no pixel's way."""
+        """The lift of the kernel turned by ``angle``: c_k times exp(i k angle). No pixel is resampled."""
         k = torch.arange(self.coefficients.shape[1]).to(self.coefficients)
         return SteerableKernel(self.coefficients * torch.exp(1j * k * angle)[None, :, None, None, None])
 

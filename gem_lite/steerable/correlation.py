@@ -9,13 +9,13 @@ import torch
 from scipy.fft import next_fast_len
 
 BLOCK = 2**18
-"""Complex numbers that one block of kernels' spectra may hold: small enough for a core's cache."""
+"""The most complex numbers in one block of kernels' spectra: small enough for a core's cache."""
 
 
 def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
-    """Cross-correlate with kernels that belong to no orbit: plain, real ones, at the border as `SteerableKernel`.
+    """Cross-correlate with plain real kernels, which belong to no orbit. The border is that of `SteerableKernel`.
 
-    Two of them go as the real and the imaginary part of one, which halves the transforms.
+    Two kernels are transformed as the real and the imaginary part of one, which halves the transforms.
 
     Args:
         features: (B, C, H, W).
@@ -43,9 +43,9 @@ def correlate_coefficients(features: torch.Tensor, coefficients: torch.Tensor) -
 class _Correlate(torch.autograd.Function):
     """C_k(v) = sum_w F(v + w) c_k(w) by FFT: C^_k(omega) = F^(omega) c^_k(-omega).
 
-    The derivatives are written out, since torch would keep every kernel's spectrum until they are asked
-    for; here spectra live for one block of frequencies only. Mirrored kernels are placed with their
-    corner, not their centre, at pixel (0, 0): the results lie h // 2 further on.
+    The derivatives are written out: torch would keep every kernel's spectrum until the backward pass, while here a
+    spectrum is kept for one block of frequencies only. Mirrored kernels have their corner, not their centre, at pixel
+    (0, 0), so the results are shifted by h // 2.
     """
 
     @staticmethod
@@ -93,20 +93,20 @@ class _Correlate(torch.autograd.Function):
 
 
 def _padded_shape(features: torch.Tensor, half: int) -> tuple[int, int]:
-    """A size, good for the FFT, at which a kernel that hangs over one border does not reach the other."""
+    """A fast size for the FFT at which a kernel at one border does not reach the opposite border."""
     height, width = features.shape[-2:]
     return next_fast_len(height + half), next_fast_len(width + half)
 
 
 def _blocks(features: torch.Tensor, coefficients: torch.Tensor, shape: tuple[int, int]) -> list[slice]:
-    """Frequencies in runs whose spectra fit `BLOCK`."""
+    """Consecutive frequencies, so many at once that their spectra fit `BLOCK`."""
     terms = coefficients.shape[1]
     step = max(1, BLOCK // (math.prod(features.shape[:2]) * math.prod(shape)))
     return [slice(start, start + step) for start in range(0, terms, step)]
 
 
 def _mirrored_spectrum(kernels: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Spectrum of kernels (..., h, h) mirrored in their centre: first along the few rows that are not 0."""
+    """Spectrum of kernels (..., h, h) mirrored in their centre; rows that are all 0 are not transformed."""
     return torch.fft.fft(torch.fft.fft(kernels.flip(-2, -1), shape[1]), shape[0], dim=-2)
 
 
@@ -127,10 +127,10 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
 
 
 def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
-    """The largest of all samples, as (angle, row, col), without sampling where it cannot be.
+    """The largest of all samples, as (angle, row, col). Pixels where it cannot be are not sampled.
 
-    Above no pixel can the signal exceed C_0 + 2 sum of |C_k|, so only pixels whose bound reaches the
-    best value found so far are sampled. The answer is that of ``sample(...).argmax()``.
+    At every pixel the signal is at most C_0 + 2 sum of |C_k|. So only pixels whose bound reaches the best value so far
+    are sampled. The result is that of ``sample(...).argmax()``.
 
     Args:
         response: (K + 1, H, W) complex, of one scene.
@@ -144,19 +144,20 @@ def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
     def best(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         chosen = flat[:, pixels]
         values, indices = (basis @ torch.cat([chosen.real, chosen.imag])).max(dim=0)
-        winner = values.argmax()
-        return values[winner], indices[winner], pixels[winner]
+        largest = values.argmax()
+        return values[largest], indices[largest], pixels[largest]
 
-    found = best(bound.topk(min(64, len(bound))).indices)
-    for pixels in (bound >= found[0]).nonzero()[:, 0].split(2048):
-        found = max(found, best(pixels), key=lambda triple: float(triple[0]))
-    return int(found[1]), *divmod(int(found[2]), width)
+    winner = best(bound.topk(min(64, len(bound))).indices)
+    for pixels in (bound >= winner[0]).nonzero()[:, 0].split(2048):
+        winner = max(winner, best(pixels), key=lambda triple: float(triple[0]))
+    _, angle, pixel = winner
+    return int(angle), *divmod(int(pixel), width)
 
 
 def best_angle(response: torch.Tensor) -> torch.Tensor:
-    """The angle at which sum over k of C_k exp(i k theta) is largest, not tied to any bins.
+    """The angle at which sum over k of C_k exp(i k theta) is largest; it need not be an angle bin.
 
-    The polynomial's best of 16 K samples, then Newton's method; a constant signal gives 0.
+    The best of 16 (K + 1) samples is refined by Newton's method. A constant signal gives 0.
 
     Args:
         response: (..., K + 1) complex, the coefficients above one or more pixels.
@@ -171,14 +172,15 @@ def best_angle(response: torch.Tensor) -> torch.Tensor:
     angle = coarse[values.argmax(dim=-1)]
     for _ in range(4):
         wave = response * torch.exp(1j * k * angle[..., None])
-        slope, curvature = -(k * wave.imag).sum(dim=-1), -(k**2 * wave.real).sum(dim=-1)
+        slope = -(k * wave.imag).sum(dim=-1)
+        curvature = -(k**2 * wave.real).sum(dim=-1)
         step = torch.where(curvature < 0, -slope / curvature, 0.0)
         angle = angle + step.clamp(-math.pi / (16 * terms), math.pi / (16 * terms))
     return angle % (2 * math.pi)
 
 
 def _sampling(terms: int, angles: torch.Tensor) -> torch.Tensor:
-    """(R, 2(K + 1)): what takes real parts, then imaginary parts of C_k to the values at ``angles``."""
+    """The matrix (R, 2(K + 1)) from the real parts, then the imaginary parts of C_k to the values at ``angles``."""
     k = torch.arange(terms, dtype=angles.dtype, device=angles.device)
     phase = angles[:, None] * k
     double = torch.where(k == 0, 1.0, 2.0)  # k and -k are conjugates
@@ -188,5 +190,5 @@ def _sampling(terms: int, angles: torch.Tensor) -> torch.Tensor:
 def _check_features(features: torch.Tensor, kernels: torch.Tensor) -> None:
     batch, _, channels, _, _ = kernels.shape
     if features.ndim != 4 or features.shape[1] != channels or batch not in (1, len(features)):
-        wanted = "B" if batch == 1 else batch
-        raise ValueError(f"features must be ({wanted}, {channels}, H, W), got {tuple(features.shape)}")
+        expected = "B" if batch == 1 else batch
+        raise ValueError(f"features must be ({expected}, {channels}, H, W), got {tuple(features.shape)}")
