@@ -11,7 +11,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ import numpy as np
 
 from gem_lite import language
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
-from gem_lite.files import read_json, write_atomically
+from gem_lite.files import as_number, as_text, as_tuples, as_whole_number, read_json, write_atomically
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
@@ -174,8 +173,8 @@ def _decode(content: bytes) -> Demonstration:
     arrays = np.load(io.BytesIO(content))
     meta = read_json(arrays["meta"].tobytes(), "its description")
     return Demonstration(
-        _text(meta["task"]), _text(meta["split"]), _whole_number(meta["seed"]),
-        tuple(_decode_step(step, i, arrays) for i, step in enumerate(meta["steps"])), _text(meta["world"]),
+        as_text(meta["task"]), as_text(meta["split"]), as_whole_number(meta["seed"]),
+        tuple(_decode_step(step, i, arrays) for i, step in enumerate(meta["steps"])), as_text(meta["world"]),
     )  # fmt: skip
 
 
@@ -184,7 +183,7 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
     for j, camera in enumerate(step["cameras"]):
         rgb = _image(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
         depth = _image(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
-        numbers: dict[str, Any] = {name: _tuples(value) for name, value in camera.items()}
+        numbers: dict[str, Any] = {name: as_tuples(value) for name, value in camera.items()}
         camera = Camera(**numbers)
         views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
     expert = step["expert"]
@@ -193,12 +192,12 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
         raise ValueError(f"the trace of step {i} must be finite (T, 4) float32, got {trace.shape} {trace.dtype}")
     return DemonstrationStep(
         Observation(tuple(views)),
-        _text(step["instruction"]),
+        as_text(step["instruction"]),
         ExpertAction(
-            _decode_action(expert["action"]), _number(expert["pick_symmetry"]), _number(expert["place_symmetry"])
+            _decode_action(expert["action"]), as_number(expert["pick_symmetry"]), as_number(expert["place_symmetry"])
         ),
         unpack(trace),
-        _number(step["reward"]),
+        as_number(step["reward"]),
     )
 
 
@@ -217,41 +216,16 @@ def _decode_action(entry: dict) -> Action:
     """Read an action. Older files have no kind and no tables: their action is a pick and place on the only table."""
     match entry.get("kind", "pick-place"):
         case "pick-place":
-            tables = [_whole_number(entry.get(name, 0)) for name in ("pick_table", "place_table")]
+            tables = [as_whole_number(entry.get(name, 0)) for name in ("pick_table", "place_table")]
             return PickPlace(_decode_pose(entry["pick"]), _decode_pose(entry["place"]), *tables)
         case "push":
-            return Push(_decode_pose(entry["start"]), _decode_pose(entry["end"]), _whole_number(entry["table"]))
+            return Push(_decode_pose(entry["start"]), _decode_pose(entry["end"]), as_whole_number(entry["table"]))
         case kind:
             raise ValueError(f"an action's kind must be one of {', '.join(_KINDS.values())}, got {kind!r}")
 
 
 def _decode_pose(entry: dict) -> Pose2:
-    return Pose2(**{name: _number(value) for name, value in entry.items()})
-
-
-def _tuples(value: object) -> object:
-    """Turn JSON's lists into tuples, at every depth. All numbers must be finite."""
-    if isinstance(value, list):
-        return tuple(_tuples(part) for part in value)
-    return value if isinstance(value, str) else _number(value)
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str) or not value:
-        raise ValueError(f"a text is needed, got {value!r}")
-    return value
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"a finite number is needed, got {value!r}")
-    return value
-
-
-def _whole_number(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"a whole number from 0 on is needed, got {value!r}")
-    return value
+    return Pose2(**{name: as_number(value) for name, value in entry.items()})
 
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
@@ -313,9 +287,9 @@ def read_manifest(folder: Path) -> dict:
             raise ValueError(f"{path} lists {name!r} with the SHA-256 {digest!r}: that is not a file of a set")
     try:
         for name in ("task", "split", "world"):
-            _text(manifest.get(name))
+            as_text(manifest.get(name))
         for name in {"start", "next"} & manifest.keys():
-            _whole_number(manifest[name])
+            as_whole_number(manifest[name])
     except ValueError as error:
         raise ValueError(f"{path} has a wrong {name}: {error}") from error
     if ("start" in manifest) != ("next" in manifest):

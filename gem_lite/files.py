@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import NoReturn
@@ -61,3 +62,31 @@ def write_together(contents: dict[Path, bytes]) -> None:
         raise
     for path, complete in temporary.items():
         os.replace(complete, path)
+
+
+def as_tuples(value: object) -> object:
+    """Turn JSON's lists into tuples, at every depth. All numbers must be finite."""
+    if isinstance(value, list):
+        return tuple(as_tuples(part) for part in value)
+    return value if isinstance(value, str) else as_number(value)
+
+
+def as_text(value: object) -> str:
+    """A text of JSON that is not empty. Raises ValueError for anything else."""
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"a text is needed, got {value!r}")
+    return value
+
+
+def as_number(value: object) -> float:
+    """A finite number of JSON. Raises ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"a finite number is needed, got {value!r}")
+    return value
+
+
+def as_whole_number(value: object) -> int:
+    """A whole number of JSON, from 0 on. Raises ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"a whole number from 0 on is needed, got {value!r}")
+    return value

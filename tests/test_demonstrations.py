@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gem_lite import demonstrations, language, tasks
+from gem_lite import demonstrations, files, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
@@ -200,10 +200,10 @@ def test_a_wrong_value_in_an_episode_is_refused(copied, change, message):
 
 def test_nested_lists_become_nested_tuples():
     camera = {"name": "front", "pose": [[1, 0.5], [0, 1]], "size": [480, 640], "far": 10.0}
-    found = {name: demonstrations._tuples(value) for name, value in camera.items()}
+    found = {name: files.as_tuples(value) for name, value in camera.items()}
     assert found == {"name": "front", "pose": ((1, 0.5), (0, 1)), "size": (480, 640), "far": 10.0}
     with pytest.raises(ValueError, match="finite"):
-        demonstrations._tuples([[1.0, float("inf")]])
+        files.as_tuples([[1.0, float("inf")]])
 
 
 @pytest.mark.parametrize("content", ['{"schema": 3}', '{"schema": 3, "files": {}}', "[]", "", "\0", '{"schema": NaN}'])
