@@ -51,10 +51,10 @@ OUTSIDE = ("toys", "outside_task")
 @pytest.fixture(autouse=True, scope="module")
 def registries_as_they_were():
     """What a test file registers from outside is forgotten after it."""
-    before = [(table, dict(table._things), dict(table._modules)) for table in registry._ALL]
+    before = [(table, dict(table._entries), dict(table._modules)) for table in registry._ALL]
     yield
-    for table, things, modules in before:
-        table._things, table._modules = things, modules
+    for table, entries, modules in before:
+        table._entries, table._modules = entries, modules
     for name in OUTSIDE:
         sys.modules.pop(name, None)
 

@@ -27,7 +27,7 @@ def played_again(row: dict, checkpoint: Path, episodes: int) -> dict[str, float]
             checkpoint, row["task"], episodes, [condition], clip_name=str(clip.DATA / "clip-sorting"),
             tables=row["tables"], **where,
         )  # fmt: skip
-        return {str(outcome.index): round(outcome.rewards[0], 4) for outcome in outcomes}
+        return {str(outcome.episode): round(outcome.rewards[0], 4) for outcome in outcomes}
     played = evaluate.evaluate(row["method"], row["task"], episodes, checkpoint=checkpoint, **where)
     return {str(episode.index): round(episode.reward, 4) for episode in played}
 
