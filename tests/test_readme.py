@@ -22,3 +22,16 @@ def test_the_python_of_a_page_runs(name, monkeypatch, capsys):
         assert namespace["step"].grasped
     else:
         assert "PickPlace(" in capsys.readouterr().out
+
+
+def test_every_file_that_a_page_names_is_there():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/*/*.md")]
+    named = {
+        (page.name, path)
+        for page in pages
+        for path in re.findall(
+            r"(?<![\w/])(?:gem_lite|tests|docs|data|notebooks)/[\w/.-]*\w\.(?:py|md|ipynb|csv)", page.read_text()
+        )
+    }
+    assert len(named) > 20
+    assert [entry for entry in sorted(named) if not (ROOT / entry[1]).exists()] == []
