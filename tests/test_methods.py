@@ -61,7 +61,7 @@ def test_a_method_from_outside_has_presets_ablations_and_a_line_of_help():
     assert methods.canonical("toy-without-parsing-without-bias") == "toy-without-bias-without-parsing"
     assert methods.meanings()["toy"] == "One linear layer a pixel."
     assert methods.meanings()["toy-without-bias"] == "no layer has a bias"
-    with pytest.raises(ValueError, match="the preset must be one of lite, paper, got 'huge'"):
+    with pytest.raises(ValueError, match="preset must be one of lite, paper, got 'huge'"):
         methods.find("toy", "huge")
 
 
