@@ -28,7 +28,7 @@ def _sentence(event: tyro_errors.ParseErrorEvent) -> str:
             names = [missing.arg.display_name() for missing in event.missing_arguments]
             return f"{event.prog} needs {', '.join(names)}: see {event.prog} --help"
         case tyro_errors.InvalidChoice():
-            choices = ", ".join(choice for choice in event.choices if choice != "None")
+            choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))  # tyro shuffles them
             return f"{event.argument.display_name()} must be one of {choices}, got {event.value!r}"
         case tyro_errors.BadValue():
             return f"{event.argument.display_name()} needs a value: {_kind(event.argument)}"
