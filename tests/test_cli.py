@@ -96,7 +96,7 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("train a b --import no_such_module", "--import no_such_module: No module named 'no_such_module'"),
         ("collect no-such-task folder", "no task is named 'no-such-task'"),
         ("collect bars-in-box folder --world mars", "no world is named 'mars'"),
-        ("collect bars-in-box folder --split all", "--split must be one of train, val, test, got 'all'"),
+        ("collect bars-in-box folder --split all", "--split must be one of test, train, val, got 'all'"),
         ("verify nowhere", "nowhere holds no demonstrations"),
         ("evaluate expert bars-in-box --episodes many", "--episodes must be INT: "),
         ("evaluate expert bars-in-box --file --out rows.jsonl", "--file and --out cannot be given together"),
