@@ -1,9 +1,12 @@
 """The rooms of the library: one forward direction, no circle, no simulator below the line (pyproject.toml)."""
 
+import ast
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+
+import pytest
 
 import gem_lite
 
@@ -28,3 +31,12 @@ def test_mypy_looks_at_all_that_is_below_the_simulator():
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
     (below,) = (c["source_modules"] for c in tools["importlinter"]["contracts"] if c["type"] == "forbidden")
     assert sorted(tools["mypy"]["packages"]) == sorted(below)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "gem_lite").rglob("*.py")), ids=lambda path: path.stem)
+def test_files_and_functions_are_short(path):
+    source = path.read_text()
+    assert source.count("\n") <= 350
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+    long = [node.name for node in functions if node.end_lineno - node.lineno + 1 > 50]
+    assert long == []
