@@ -15,14 +15,24 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import cv2
 import numpy as np
+from typing_extensions import override
 
 from gem_lite import language
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
-from gem_lite.files import as_number, as_text, as_tuples, as_whole_number, read_json, write_atomically
+from gem_lite.files import (
+    FileSequence,
+    as_number,
+    as_text,
+    as_tuples,
+    as_whole_number,
+    read_json,
+    read_verified,
+    write_atomically,
+)
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
@@ -70,49 +80,16 @@ class Demonstration:
     world: str = "home"
 
 
-class DemonstrationSet(Sequence[Demonstration]):
-    """The demonstrations of a folder. Each access reads the file; no episode is kept in memory.
-
-    A slice is a `DemonstrationSet`, too. If the file of an episode is missing or has changed since `load`, the access
-    raises the errors of `load`.
-
-    Attributes:
-        folder: the folder of the files.
-        files: the names of the files and their SHA-256, in the order of the episodes.
-    """
-
-    def __init__(self, folder: Path, files: Mapping[str, str]) -> None:
-        self.folder = folder
-        self.files = dict(files)
-
-    def __len__(self) -> int:
-        return len(self.files)
+class DemonstrationSet(FileSequence[Demonstration]):
+    """The demonstrations of a folder, as `load` gives them."""
 
     @property
     def digest(self) -> str:
         """One SHA-256 for the whole set, equal to `data_hash` of its folder."""
-        return hashlib.sha256(json.dumps(self.files).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(self.sums).encode()).hexdigest()
 
-    @overload
-    def __getitem__(self, index: int) -> Demonstration: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> DemonstrationSet: ...
-
-    def __getitem__(self, index: int | slice) -> Demonstration | DemonstrationSet:
-        """One episode, or the set of several episodes. Raises ValueError if a slice is empty."""
-        entries = list(self.files.items())
-        if isinstance(index, slice):
-            selected = entries[index]
-            if not selected:
-                raise ValueError(
-                    f"the slice [{index.start}:{index.stop}:{index.step}] holds no episode: "
-                    f"{self.folder} has {len(self)} episodes"
-                )
-            return DemonstrationSet(self.folder, dict(selected))
-        name, digest = entries[index]
-        path = self.folder / name
-        content = _verified(path, digest)
+    @override
+    def decode(self, path: Path, content: bytes) -> Demonstration:
         try:
             return _decode(content)
         except Exception as error:  # A file of another program can have any error.
@@ -313,17 +290,7 @@ def load(folder: Path) -> DemonstrationSet:
         ValueError: the manifest has another schema, or a file has changed since it was saved.
     """
     folder = Path(folder)
-    files = read_manifest(folder)["files"]
-    for name, digest in files.items():
-        _verified(folder / name, digest)
-    return DemonstrationSet(folder, files)
-
-
-def _verified(path: Path, digest: str) -> bytes:
-    """The content of a file whose SHA-256 must be ``digest``."""
-    if not path.exists():
-        raise FileNotFoundError(f"the demonstration {path} is missing, though the manifest names it")
-    content = path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != digest:
-        raise ValueError(f"the demonstration {path} is cut off or changed: its SHA-256 is not the manifest's")
-    return content
+    sums = read_manifest(folder)["files"]
+    for name, digest in sums.items():
+        read_verified(folder / name, digest)
+    return DemonstrationSet(folder, sums)

@@ -1,12 +1,16 @@
-"""The data folder, checked JSON, and files that are written completely or not at all."""
+"""The data folder, checked JSON, sequences in files, and files that are written completely or not at all."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Self, TypeVar, overload
+
+Item = TypeVar("Item")
 
 
 def data_folder(package: Path) -> Path:
@@ -62,6 +66,70 @@ def write_together(contents: dict[Path, bytes]) -> None:
         raise
     for path, complete in temporary.items():
         os.replace(complete, path)
+
+
+class FileSequence(Sequence[Item]):
+    """Items in the files of a folder, one in each file. Each access reads the file; no item is kept in memory.
+
+    A slice is a sequence of the same kind. A class of this kind says by `decode` how an item is made of a file.
+
+    Attributes:
+        folder: the folder of the files.
+        sums: the names of the files and their SHA-256, in the order of the items.
+    """
+
+    def __init__(self, folder: Path, sums: Mapping[str, str]) -> None:
+        self.folder = folder
+        self.sums = dict(sums)
+
+    def __len__(self) -> int:
+        return len(self.sums)
+
+    @overload
+    def __getitem__(self, index: int) -> Item: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+
+    def __getitem__(self, index: int | slice) -> Item | Self:
+        """One item, or several.
+
+        Raises:
+            FileNotFoundError: the file of the item is missing.
+            ValueError: the file of the item is cut off or changed, or a slice is empty.
+        """
+        entries = list(self.sums.items())
+        if isinstance(index, slice):
+            selected = entries[index]
+            if not selected:
+                limits = f"{index.start}:{index.stop}:{index.step}"
+                raise ValueError(f"the slice [{limits}] is empty: {self.folder} has {len(self)} files")
+            return type(self)(self.folder, dict(selected))
+        name, digest = entries[index]
+        path = self.folder / name
+        return self.decode(path, read_verified(path, digest))
+
+    def decode(self, path: Path, content: bytes) -> Item:
+        """The item of a file, whose content has been checked."""
+        raise NotImplementedError
+
+
+def read_verified(path: Path, digest: str) -> bytes:
+    """The content of a file.
+
+    Args:
+        digest: the SHA-256 that its content must have.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: its content has another SHA-256.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path} is missing, though the manifest names it")
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise ValueError(f"{path} is cut off or changed: its SHA-256 is not the manifest's")
+    return content
 
 
 def as_tuples(value: object) -> object:

@@ -302,7 +302,7 @@ def test_a_slice_is_lazy_and_an_empty_one_is_refused(copied):
     with pytest.raises(FileNotFoundError, match=r"episode-0000-\w+\.npz is missing"):
         both[0]
     for empty in (slice(0, 0), slice(5, None)):
-        with pytest.raises(ValueError, match=r"holds no episode: .* has 2 episodes"):
+        with pytest.raises(ValueError, match=r"is empty: .* has 2 files"):
             both[empty]
     with pytest.raises(IndexError):
         both[2]

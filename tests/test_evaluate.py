@@ -5,7 +5,7 @@ from gem_lite import clip, colors, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.cli import main
 from gem_lite.evaluation import evaluate, results, workers
-from gem_lite.evaluation.evaluate import Episode
+from gem_lite.evaluation.results import Episode
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2

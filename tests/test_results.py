@@ -8,9 +8,8 @@ from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluation import evaluate, evaluate_mobile, experiments, failures, pointing, results, statistics
-from gem_lite.evaluation.evaluate import Episode
 from gem_lite.evaluation.experiments import PLAN, Experiment
-from gem_lite.evaluation.results import result_row
+from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies import methods
 from gem_lite.policies.base import Choice

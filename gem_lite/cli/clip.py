@@ -17,7 +17,18 @@ from gem_lite.learning import calibrating
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pretrain(Command):
+class _TrainingInEpochs(Command):
+    """A training that saves its state after each epoch, in the folder ``state``."""
+
+    state: Path
+
+    @override
+    def stop_message(self) -> str:
+        return f"stopped; the same command goes on from the last epoch in {self.state}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pretrain(_TrainingInEpochs):
     """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 2800 --epochs 4 --out runs/clip",)
@@ -37,13 +48,9 @@ class Pretrain(Command):
     def run(self) -> None:
         print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
 
-    @override
-    def stop_message(self) -> str:
-        return f"stopped; the same command goes on from the last epoch in {self.state}"
-
 
 @dataclass(frozen=True, kw_only=True)
-class Extend(Command):
+class Extend(_TrainingInEpochs):
     """Train the embedded CLIP further, on the symbol boxes of object-sorting. The result is a second embedded CLIP."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite clip extend --scenes 700 --epochs 2 --out runs/clip-sorting",)
@@ -62,10 +69,6 @@ class Extend(Command):
     @override
     def run(self) -> None:
         print(extend_clip.extend(self.out, self.state, self.scenes, self.epochs, self.seed))
-
-    @override
-    def stop_message(self) -> str:
-        return f"stopped; the same command goes on from the last epoch in {self.state}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from gem_lite import clip, tasks
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.evaluation import results, workers
+from gem_lite.evaluation.results import Episode
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
@@ -30,27 +31,6 @@ Actor = Callable[[Environment, Observations, Sequence[Pose2]], Action | None]
 
 Empty picks are the poses at which the tool has grasped nothing since it last held something. Only experts read the
 environment. A policy's actor reads the observations and the empty picks."""
-
-
-@dataclass(frozen=True)
-class Episode:
-    """The outcome of one episode.
-
-    Attributes:
-        index: of the episode in its split.
-        reward: in [0, 1].
-        steps: actions taken.
-        subsets: the sets of episodes, besides all, to which it belongs (`Task.subsets`).
-        placed_decisions: actions chosen while a body lay where the sentences want it (`Task.placed`).
-        retaken: how many of these picked such a body.
-    """
-
-    index: int
-    reward: float
-    steps: int
-    subsets: tuple[str, ...]
-    placed_decisions: int = 0
-    retaken: int = 0
 
 
 def run_episode(

@@ -21,7 +21,6 @@ from tqdm import tqdm
 from gem_lite import clip, colors, demonstrations, tasks
 from gem_lite.clip import Clip
 from gem_lite.evaluation import results, statistics
-from gem_lite.evaluation.evaluate import Episode
 from gem_lite.evaluation.pointing_scenes import (
     PACKING,
     Scene,
@@ -31,6 +30,7 @@ from gem_lite.evaluation.pointing_scenes import (
     lay_out_shapes,
     scene_seeds,
 )
+from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.workers import CHUNK
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory

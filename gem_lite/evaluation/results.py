@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from gem_lite import clip, tasks
 from gem_lite.config import Config
 from gem_lite.evaluation import statistics
 from gem_lite.files import read_json, write_atomically
-
-if TYPE_CHECKING:
-    from gem_lite.evaluation.evaluate import Episode
 
 RESULTS = clip.DATA / "results"
 """The rows that the lessons draw."""
@@ -42,6 +38,27 @@ IDENTITY = (
 """The entries that identify a row: all that change its meaning, except the number of episodes."""
 DIFFER_BY_SEED = ("seed", "checkpoint_sha256")
 """Entries in which the rows of one `Score` may differ, since it holds several training seeds."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """The outcome of one episode.
+
+    Attributes:
+        index: of the episode in its split.
+        reward: in [0, 1].
+        steps: actions taken.
+        subsets: the sets of episodes, besides all, to which it belongs (`Task.subsets`).
+        placed_decisions: actions chosen while a body lay where the sentences want it (`Task.placed`).
+        retaken: how many of these picked such a body.
+    """
+
+    index: int
+    reward: float
+    steps: int
+    subsets: tuple[str, ...]
+    placed_decisions: int = 0
+    retaken: int = 0
 
 
 # Writing

@@ -96,4 +96,4 @@ def _existing_episodes(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
     old_facts = {name: manifest.get(name) for name in facts}
     if old_facts != facts:
         raise ValueError(f"{folder} holds another set ({old_facts}, not {facts}): give another folder, or remove it")
-    return demonstrations.load(folder).files, manifest["next"]
+    return demonstrations.load(folder).sums, manifest["next"]

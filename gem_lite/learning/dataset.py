@@ -8,61 +8,29 @@ rewritten after each step, so that a stopped preparation can continue.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
-import itertools
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import overload
 
 import safetensors.torch
 import torch
 from safetensors import safe_open
+from typing_extensions import override
 
 from gem_lite import files
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.policies.base import PickPlacePolicy, numbered_steps
+from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
 
-class StoredSteps(Sequence[PreparedStep]):
-    """The prepared steps of a folder. Each access reads the file; no step is kept in memory. A slice is the same.
+class StoredSteps(files.FileSequence[PreparedStep]):
+    """The prepared steps of a folder."""
 
-    Attributes:
-        folder: the folder of the files.
-        sums: the names of the files and their SHA-256, in the order of the steps.
-    """
-
-    def __init__(self, folder: Path, sums: Mapping[str, str]) -> None:
-        self.folder = folder
-        self.sums = dict(sums)
-
-    def __len__(self) -> int:
-        return len(self.sums)
-
-    @overload
-    def __getitem__(self, index: int) -> PreparedStep: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> StoredSteps: ...
-
-    def __getitem__(self, index: int | slice) -> PreparedStep | StoredSteps:
-        """One step, or several.
-
-        Raises:
-            FileNotFoundError: the file of the step is missing.
-            ValueError: the file of the step is cut off or changed.
-        """
-        selected = list(self.sums.items())[index]
-        if isinstance(index, slice):
-            return StoredSteps(self.folder, dict(selected))
-        name, digest = selected
-        path = self.folder / name
-        if not path.exists():
-            raise FileNotFoundError(f"the prepared step {path} is missing, though the manifest names it")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            raise ValueError(f"the prepared step {path} is cut off or changed: remove {self.folder}")
+    @override
+    def decode(self, path: Path, content: bytes) -> PreparedStep:
         return _decode(path)
 
     @property
@@ -124,12 +92,7 @@ def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> S
         "data": demos.digest, "method": policy.name, "config": policy.config.as_dict(),
         "clip": policy.clip.fingerprint, "parser": parser,
     }  # fmt: skip
-
-    def steps_from(start: int) -> Iterator[PreparedStep]:
-        for episode, step in itertools.islice(numbered_steps(demos), start, None):
-            yield policy.prepare_step(step, episode)
-
-    return store(steps_from, folder, source, code_digest())
+    return store(functools.partial(policy.prepare, demos), folder, source, code_digest())
 
 
 def code_digest() -> str:

@@ -39,7 +39,6 @@ class ActionModule(nn.Module):
         attention = language_dim if config.language_in_attention else None
         self.encoder = UNet(RGBD, config.channels, attention, config.widths)
         self.refiner = SemanticRefiner(config.channels)
-        self.angles: torch.Tensor
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
     @property
