@@ -176,7 +176,7 @@ ANGLE_RIVALS = ("transporter-lan", "cliport")
 SHORT = 300
 """Training steps for a single demonstration, chosen on validation episodes."""
 COMPARED = ("gem", "transporter-lan", "cliport", "cliport-grounded")
-"""The methods that lesson 07 compares."""
+"""The methods that lesson 08 compares."""
 PLAN = (
     *(Experiment("gem", task) for task in (BOWL, INSERTION, BARS, PYRAMID, PACKING)),
     *(Experiment("gem", BOWL, demos) for demos in (1, 5, 20)),

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 
 from gem_lite.actions import PickPlace
 from gem_lite.policies.gem import Decision
@@ -15,9 +16,20 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix
 
-PICK_COLOR, PLACE_COLOR = "#19c819", "#ff3b30"
-"""The paper's colours of the two grippers (Fig. 1); every figure draws pick and place in them."""
+PICK_COLOR, PLACE_COLOR = "#35d0ff", "#ff9d1c"
+"""Cyan and orange: colour-blind readers can tell them apart. Every figure draws pick and place in them."""
 MAP_COLORS = "inferno"
+OUTLINE = (Stroke(linewidth=2.8, foreground="black"), Normal())
+"""Drawn under a coloured line, so that it is seen on every picture."""
+LEAST_LOGIT = -20.0
+"""Action maps are cut here: a cell 20 logits below the best has e^-20 of its probability."""
+SAFE_COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
+"""Okabe and Ito's colours, which colour-blind readers can tell apart."""
+
+
+def use_safe_colors() -> None:
+    """Let matplotlib draw lines in `SAFE_COLORS` from now on."""
+    plt.rcParams["axes.prop_cycle"] = plt.cycler(color=SAFE_COLORS)
 
 
 def bare(ax: Axes, title: str = "") -> Axes:
@@ -29,14 +41,18 @@ def bare(ax: Axes, title: str = "") -> Axes:
 
 
 def draw_gripper(ax: Axes, pose: Pose2, workspace: Workspace, color: str, label: str = "") -> None:
-    """A gripper from above: a cross at its pixel, the long arm along its yaw, a dot at that arm's end."""
+    """A gripper from above: a cross at its pixel, the long arm along its yaw, and a mark at that arm's end.
+
+    The mark is a square for `PLACE_COLOR` and a dot for every other colour.
+    """
     row, col = workspace.to_pixel(pose.x, pose.y)
     for turn, length in ((0, 0.045), (np.pi / 2, 0.02)):
         # "Right" in the picture, turned counter-clockwise by the yaw.
         drow, dcol = rotation_matrix(pose.yaw + turn) @ np.array([0, length / workspace.pixel])
-        ax.plot([col - dcol, col + dcol], [row - drow, row + drow], color=color, lw=1.6)
+        ax.plot([col - dcol, col + dcol], [row - drow, row + drow], color=color, lw=1.6, path_effects=OUTLINE)
         if turn == 0:
-            ax.plot(col + dcol, row + drow, "o", color=color, ms=3.5, label=label or None)
+            mark = "s" if color == PLACE_COLOR else "o"
+            ax.plot(col + dcol, row + drow, mark, color=color, mec="black", mew=0.6, ms=4.5, label=label or None)
 
 
 def show_views(views: Sequence[View]) -> Figure:
@@ -74,11 +90,12 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
 
 
 def action_map(logits: np.ndarray) -> np.ndarray:
-    """Logits (R, H, W) to (H, W): each pixel's largest logit, minus the largest of all, so that the best pixel is 0.
+    """Logits (R, H, W) to (H, W): each pixel's largest logit, minus the largest of all, at least `LEAST_LOGIT`.
 
-    These are logits and not probabilities: a trained policy's probabilities show one bright pixel on black.
+    The best pixel is 0. These are logits and not probabilities: a trained policy's probabilities show one bright
+    pixel on black.
     """
-    return logits.max(axis=0) - logits.max()
+    return np.maximum(logits.max(axis=0) - logits.max(), LEAST_LOGIT)
 
 
 def show_decision(decision: Decision, clip_name: str) -> Figure:
@@ -146,10 +163,10 @@ def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
     ax.scatter(*points.T, c=rgb / 255, s=1.2, depthshade=False, rasterized=True)
     for name, pose in frames.items():
         origin = np.array([pose.x, pose.y, 0.12])
-        for turn, color in ((0, "red"), (np.pi / 2, "green")):
+        for turn, color in ((0, SAFE_COLORS[5]), (np.pi / 2, SAFE_COLORS[4])):
             arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
             ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
-        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color="blue", lw=2.5, zorder=2)
+        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color=SAFE_COLORS[0], lw=2.5, zorder=2)
         ax.text(pose.x, pose.y, 0.19, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
     ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
     ax.set_box_aspect((0.5, 1.0, 0.25))
@@ -244,7 +261,7 @@ def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
     for column, values in enumerate(groups.values()):
         spread = np.linspace(-0.14, 0.14, len(values))
         ax.plot(column + spread, values, "o", ms=4, alpha=0.6, color="C0")
-        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color="C3", lw=2.5)
+        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color=SAFE_COLORS[5], lw=2.5)
     ax.set_xticks(range(len(groups)), groups)
     ax.set_ylabel(label)
     ax.grid(axis="y", alpha=0.3)

@@ -1,0 +1,71 @@
+"""Figures as pictures with a text for readers who do not see them, and moving pictures that a stored notebook keeps."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from IPython.display import Image
+from matplotlib.figure import Figure
+from PIL import Image as Pillow
+
+COLORS = 96
+"""How many colours the frames of a moving picture share. Fewer colours make a smaller file."""
+
+
+def described(figure: Figure, text: str) -> Image:
+    """A figure as a picture with alternative text. It must be the last expression of its cell. The figure is closed.
+
+    Args:
+        text: what to see in the figure, for readers who do not see it.
+
+    Raises:
+        ValueError: the text is empty.
+    """
+    _check(text)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", bbox_inches="tight")
+    plt.close(figure)
+    return Image(content.getvalue(), format="png", alt=text)
+
+
+def frame(figure: Figure, dpi: int = 72) -> np.ndarray:
+    """(H, W, 3) uint8: a figure as a frame for `animated`. The figure is closed."""
+    figure.set_dpi(dpi)
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()  # type: ignore[attr-defined]
+    plt.close(figure)
+    return pixels
+
+
+def animated(frames: Sequence[np.ndarray], text: str, seconds: float = 0.15) -> Image:
+    """Frames as one moving picture with alternative text: an animated PNG, which every browser plays in a loop.
+
+    Args:
+        frames: (H, W, 3) uint8 each, all of one size, at least two.
+        text: what to see, for readers who do not see it.
+        seconds: how long each frame stays.
+
+    Raises:
+        ValueError: the text is empty, there are fewer than two frames, or their sizes differ.
+    """
+    _check(text)
+    sizes = {tuple(picture.shape) for picture in frames}
+    if len(frames) < 2 or len(sizes) != 1:
+        raise ValueError(f"frames must be two or more pictures of one size, got {len(frames)} of the sizes {sizes}")
+    # All frames share one palette: what does not move then has the same value in each, and takes no space.
+    strip = Pillow.fromarray(np.concatenate(frames)).quantize(COLORS, dither=Pillow.Dither.NONE)
+    height = frames[0].shape[0]
+    pictures = [strip.crop((0, i * height, strip.width, (i + 1) * height)) for i in range(len(frames))]
+    content = io.BytesIO()
+    pictures[0].save(
+        content, "PNG", save_all=True, append_images=pictures[1:], duration=round(1000 * seconds), loop=0, optimize=True
+    )
+    return Image(content.getvalue(), format="png", alt=text)
+
+
+def _check(text: str) -> None:
+    if not text.strip():
+        raise ValueError("text must say what to see in the picture, got an empty one")
