@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Some images set this. Then each of the many processes of the tests would compile torch anew: six seconds each.
+unexport PYTHONDONTWRITEBYTECODE
 # All of environment.txt; what the demo uses, at the same versions.
 READY := $(VENV)/ready
 READY_FOR_DEMO := $(VENV)/ready-for-demo
@@ -12,7 +14,7 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test lint check fuzz wheel check-python clean
+.PHONY: help setup demo lab test lint check fuzz wheel book handouts check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
@@ -22,6 +24,8 @@ help:
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make wheel  set up, then build the package with its models into dist/"
+	@echo "make book   set up, then build the lessons, docs/ and the library's pages as a site into build/book (two minutes)"
+	@echo "make handouts  set up, then write the lessons without solutions into build/handouts"
 	@echo "make clean  remove the environment and what runs left behind"
 
 check-python:
@@ -92,6 +96,20 @@ fuzz: $(READY)
 wheel: $(READY)
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
 	@ls dist/*.whl
+
+# What only the book needs is installed beside the rest. Nothing is executed; a warning is an error.
+READY_FOR_BOOK := $(VENV)/ready-for-book
+$(READY_FOR_BOOK): docs/environment.txt $(READY)
+	@echo "Installing what the book needs ..."
+	@$(PIP) -r docs/environment.txt || $(NOT_INSTALLED)
+	@touch $(READY_FOR_BOOK)
+
+book: $(READY_FOR_BOOK)
+	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs . build/book
+	@echo "built; open build/book/docs/index.html"
+
+handouts: $(READY)
+	@$(BIN)/python docs/handouts.py
 
 clean:
 	rm -rf $(VENV) runs build dist .pytest_cache .ruff_cache .mypy_cache *.egg-info

@@ -1,7 +1,7 @@
 """The equations of A.8 and A.9, checked by running them: every function returns one error per group element.
 
 Entry j of a result belongs to g_j in C_n, the counter-clockwise turn by theta_j = 2 pi j / n. An error is
-relative, |difference| / |reference| in the Euclidean norm, inside the disc that every rotation keeps: the
+relative, ``|difference| / |reference|`` in the Euclidean norm, inside the disc that every rotation keeps: the
 corners of a square leave and enter as it turns. How a picture is turned is an argument, since on a grid
 of pixels there are several ways, and only quarter turns are exact in all of them: `by_pixels` (quarter turns
 exact, others interpolated), or `by_harmonics` (exact at any angle for band-limited pictures).
@@ -66,7 +66,7 @@ def irreducible(coefficients: torch.Tensor, angle: float) -> torch.Tensor:
 
 
 def relative_error(actual: torch.Tensor, expected: torch.Tensor) -> float:
-    """|actual - expected| / |expected| inside the disc of the last two dimensions (S, S)."""
+    """``|actual - expected| / |expected|`` inside the disc of the last two dimensions (S, S)."""
     mask = disc(expected.shape[-1]).to(expected.device)
     difference = (actual - expected).detach()[..., mask]
     reference = expected.detach()[..., mask]

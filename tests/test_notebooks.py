@@ -1,7 +1,9 @@
 """Reads the stored notebooks: the mistakes that nbval lets pass without a word."""
 
 import ast
+import base64
 import re
+from collections import Counter
 from pathlib import Path
 
 import nbformat
@@ -10,7 +12,10 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25
 """Lines that a reader follows at once."""
+MOST_CELLS = 45
 TAG = "nbval-check-output"
+PARTS = ["exercise", "check", "solution"]
+"""Tags of an exercise's code cells, in this order."""
 LOAD_TORCH = {"torch", "e2cnn"}
 LINK = re.compile(r"\]\(([\w./-]+\.(?:ipynb|md|py|jsonl?|png))\b")
 
@@ -58,6 +63,10 @@ def test_cells_are_short(notebook):
         assert len(cell.source.splitlines()) <= LONGEST_CELL, cell.source
 
 
+def test_lessons_are_short(notebook):
+    assert len(notebook[1].cells) <= MOST_CELLS
+
+
 def test_no_error_but_the_intended(notebook):
     for cell in code_cells(notebook[1]):
         if "raises-exception" not in cell.metadata.get("tags", []):
@@ -99,7 +108,86 @@ def test_cells_are_not_empty_and_have_ids_of_their_own(notebook):
     assert len({cell.id for cell in cells}) == len(cells)
 
 
-def test_says_its_time_its_clip_and_has_exercises_with_solutions(notebook):
-    text = "\n".join(cell.source for cell in notebook[1].cells if cell.cell_type == "markdown")
-    for needed in ("| Time |", "| CLIP |", "| Paper |", "## Try it", "<details>"):
-        assert needed in text, needed
+def prose(nb):
+    return "\n".join(cell.source for cell in nb.cells if cell.cell_type == "markdown")
+
+
+def test_the_title_says_what_a_reader_needs(notebook):
+    nb = notebook[1]
+    title = nb.cells[0].source
+    for row in ("Paper", "Time", "Needs", "CLIP"):
+        assert f"| {row} |" in title, row
+    assert "**You will build**" in title and "**Idea:**" in title
+    contents = re.search(r"^Sections: (.+)$", title, re.M)
+    assert contents, "the contents: Sections: 1 ... · 2 ..."
+    sections = re.findall(r"^## (\d+) · ", prose(nb), re.M)
+    assert sections == [str(i + 1) for i in range(len(sections))]
+    assert re.findall(r"(?:^|· )(\d+) ", contents[1]) == sections
+
+
+def test_links_lead_to_the_neighbours(notebook):
+    path, nb = notebook
+    number = NOTEBOOKS.index(path)
+    title = nb.cells[0].source
+    end = prose(nb).partition("## Where next")[2]
+    if number > 0:
+        assert re.search(rf"\| Before \| .*\({NOTEBOOKS[number - 1].name}\)", title)
+    if number + 1 < len(NOTEBOOKS):
+        following = NOTEBOOKS[number + 1].name
+        assert re.search(rf"\| After \| .*\({following}\)", title)
+        assert f"({following})" in end
+    assert "**References:**" in end and "https://arxiv.org/abs/2406.15677" in end
+
+
+def test_recap_and_questions_with_answers(notebook):
+    text = prose(notebook[1])
+    assert "## What was checked where" in text
+    questions = re.search(r"^## Check yourself$(.*?)(?=^## |\Z)", text, re.M | re.S)
+    assert questions and len(re.findall(r"<details><summary>.+?</summary>\s+\S", questions[1])) == 5
+
+
+def test_exercises_have_a_scaffold_a_hint_a_check_and_a_folded_solution(notebook):
+    nb = notebook[1]
+    kinds = [(kind, cell) for cell in code_cells(nb) for kind in PARTS if kind in cell.metadata.get("tags", [])]
+    assert [kind for kind, _ in kinds] == PARTS * (len(kinds) // 3)
+    assert 2 <= len(kinds) // 3 <= 4
+    for kind, cell in kinds:
+        if kind == "exercise":
+            assert "..." in cell.source, cell.source
+        if kind == "solution":
+            assert cell.metadata.jupyter.source_hidden
+            assert "assert check_" in cell.source and '== "right"' in cell.source, cell.source
+    assert prose(nb).count("<summary>Hint") >= len(kinds) // 3
+
+
+def pictures_of(nb):
+    return [output for cell in code_cells(nb) for output in cell.outputs if "image/png" in output.get("data", {})]
+
+
+def test_every_picture_has_a_text(notebook):
+    for picture in pictures_of(notebook[1]):
+        assert len(picture.metadata.get("image/png", {}).get("alt", "")) > 20
+
+
+def test_something_moves(notebook):
+    # "acTL" begins the frames of an animated PNG.
+    assert any(b"acTL" in base64.b64decode(picture.data["image/png"]) for picture in pictures_of(notebook[1]))
+
+
+def bound(source):
+    """The names that a cell binds outside of its functions and loops: assignments, functions and classes."""
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                yield from (name.id for name in ast.walk(target) if isinstance(name, ast.Name) and is_stored(name))
+
+
+def is_stored(name):
+    return isinstance(name.ctx, ast.Store) and name.id != "_"
+
+
+def test_no_name_means_two_things(notebook):
+    names = [name for cell in code_cells(notebook[1]) for name in set(bound(cell.source))]
+    assert sorted(name for name, count in Counter(names).items() if count > 1) == []

@@ -56,7 +56,9 @@ def animated(frames: Sequence[np.ndarray], text: str, seconds: float = 0.15) -> 
     if len(frames) < 2 or len(sizes) != 1:
         raise ValueError(f"frames must be two or more pictures of one size, got {len(frames)} of the sizes {sizes}")
     # All frames share one palette: what does not move then has the same value in each, and takes no space.
-    strip = Pillow.fromarray(np.concatenate(frames)).quantize(COLORS, dither=Pillow.Dither.NONE)
+    strip = Pillow.fromarray(np.concatenate(frames)).quantize(
+        COLORS, Pillow.Quantize.FASTOCTREE, dither=Pillow.Dither.NONE
+    )
     height = frames[0].shape[0]
     pictures = [strip.crop((0, i * height, strip.width, (i + 1) * height)) for i in range(len(frames))]
     content = io.BytesIO()

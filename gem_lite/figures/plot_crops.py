@@ -1,4 +1,4 @@
-"""Drawings of lesson 03: the demonstrations' crops, and the crops that a phrase retrieves."""
+"""Drawings of lesson 03: the demonstrations' crops, the search by phrase and its threshold, and the blended maps."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import GripperState
-from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.figures.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.maps.patches import PatchConfig
+from gem_lite.maps.semantic_map import plateau_centre
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.floating_tool import LOG_EVERY, RATE
+
+SAME_COLOR, OTHER_COLOR = "#8e44ad", "0.45"
+"""Purple: two phrases that mean the same, as in the paper's Figure A8. Grey: two that do not."""
+NINES = (0.5, 0.9, 0.99, 0.999, 0.9999)
+"""Cosines at the ticks of an axis on which each step from 0.9 on is ten times nearer to 1."""
 
 
 def show_trace(trace: Sequence[GripperState], events: Sequence[tuple[str, Pose2]], heightmap: HeightMap) -> Figure:
@@ -59,23 +67,108 @@ def show_crops(crops: Sequence[tuple[str, np.ndarray]], columns: int = 10, supti
     return fig
 
 
-def show_precision_recall(same: np.ndarray, other: np.ndarray, threshold: float) -> Figure:
-    """Cosines of phrases that mean the same (N,) and of others (M,): histograms, and precision and recall."""
-    fig, axes = plt.subplots(1, 2, figsize=(9.4, 3.4), layout="constrained")
-    bins = np.linspace(min(same.min(), other.min()), 1, 45)
-    axes[0].hist(other, bins, color="C7", alpha=0.8, label=f"{len(other)} pairs that mean something else")
-    axes[0].hist(same, bins, color="C4", alpha=0.8, label=f"{len(same)} pairs that mean the same")
-    axes[0].set(xlabel="cosine of the two phrases", ylabel="pairs")
-    levels = np.unique(np.concatenate([same, other]))
-    recall = np.array([(same >= level).mean() for level in levels])
-    wrong = np.array([(other >= level).sum() for level in levels])
-    axes[1].step(levels, recall * len(same) / (recall * len(same) + wrong), where="pre", color="C0", label="precision")
-    axes[1].step(levels, recall, where="pre", color="C1", label="recall")
-    axes[1].set(xlabel="threshold", ylim=(0, 1.05), xlim=(1 - 5 * (1 - threshold), 1 + 0.2 * (1 - threshold)))
+def show_similarity(queries: Sequence[str], phrases: Sequence[str], cosines: np.ndarray) -> Figure:
+    """Eq. 2 as a table: a row for each query, a column for each stored phrase, a frame around each row's largest.
+
+    Args:
+        cosines: (queries, phrases).
+    """
+    fig, ax = plt.subplots(figsize=(0.72 * len(phrases) + 1.6, 0.42 * len(queries) + 1.2), layout="constrained")
+    ax.imshow(cosines, cmap="Purples", vmin=0, vmax=1.6, aspect="auto")
+    for (row, col), value in np.ndenumerate(cosines):
+        ax.text(col, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
+    for row, col in enumerate(cosines.argmax(axis=1)):
+        ax.add_patch(plt.Rectangle((col - 0.48, row - 0.46), 0.96, 0.92, fill=False, ec="black", lw=2))
+    ax.set_xticks(range(len(phrases)), phrases, rotation=35, ha="left", fontsize=8)
+    ax.xaxis.tick_top()
+    ax.set_yticks(range(len(queries)), [f'"{query}"' for query in queries], fontsize=9)
+    ax.tick_params(length=0)
+    return fig
+
+
+def show_calibration(
+    same: np.ndarray, other: np.ndarray, threshold: float, wordings: Sequence[str], closest: float
+) -> Figure:
+    """How the threshold is found: cosines of rewordings with their own phrase (N,) and with the nearest other (N,).
+
+    Upper panel: everything. Lower panel: the right end. A ruler leads from each group's mean to the threshold, with a
+    tick for each standard deviation of that group.
+
+    Args:
+        wordings: the N rewordings; those below the threshold are written beside their dots.
+        closest: where the lower panel begins.
+    """
+    jitter = np.random.default_rng(0).uniform(-0.17, 0.17, len(same))
+    fig, axes = plt.subplots(2, 1, figsize=(8.6, 4.6), height_ratios=[1.6, 1], layout="constrained")
     for ax in axes:
-        ax.axvline(threshold, color="k", ls="--", lw=1, label=f"calibrated: {threshold:.3f}")
-        ax.legend(fontsize=7, loc="lower left" if ax is axes[1] else "upper center")
-        ax.grid(alpha=0.3)
+        ax.plot(same, 1 + jitter, "o", ms=4, alpha=0.5, color=SAME_COLOR, mec="none")
+        ax.plot(other, jitter, "x", ms=4, alpha=0.7, color=OTHER_COLOR)
+        ax.axvline(threshold, color="black", ls="--", lw=1.2)
+        ax.set(yticks=[0, 1], yticklabels=["nearest other\nphrase", "its own\nphrase"])
+        ax.grid(axis="x", alpha=0.3)
+    for ax, y, group, color in ((axes[0], 0.38, other, OTHER_COLOR), (axes[1], 0.55, same, SAME_COLOR)):
+        mean = group.mean()
+        towards = np.sign(threshold - mean)
+        count = abs(threshold - mean) / group.std()
+        ticks = mean + towards * group.std() * np.arange(int(count) + 1)
+        ax.plot([mean, threshold], [y, y], color=color, lw=2)
+        ax.plot(ticks, np.full(len(ticks), y), "|", ms=11, mew=2, color=color)
+        ax.plot(mean, y, "D", ms=6, color=color)
+        ax.text(mean, y + 0.1, f"mean {mean:.4f}", ha="right" if towards > 0 else "left", fontsize=9)
+        ax.text(
+            (mean + threshold) / 2, y + 0.1, f"{count:.1f} standard deviations of {group.std():.4f}", ha="center",
+            fontsize=9,
+        )  # fmt: skip
+    for wording, cosine, y in zip(wordings, same, 1 + jitter, strict=True):
+        if cosine < threshold:
+            axes[1].annotate(f'"{wording}"', (cosine, y), (6, -3), textcoords="offset points", fontsize=8)
+    axes[0].text(threshold - 0.004, 1.3, f"threshold {threshold:.3f}", ha="right", va="center", fontsize=9)
+    axes[0].set(xlim=(None, 1.012), ylim=(-0.4, 1.45))
+    axes[1].set(xlim=(closest, 1 + 0.12 * (1 - closest)), ylim=(0.35, 1.35), xlabel="cosine of two phrases")
+    axes[1].set_title(f"the right end, from {closest:g} on", fontsize=9)
+    return fig
+
+
+def nines(cosine: np.ndarray | float) -> np.ndarray:
+    """-log10(1 - cosine), at most 5: the positions of an axis that does not squeeze what lies near 1."""
+    return -np.log10(np.maximum(1 - np.asarray(cosine, float), 1e-5))
+
+
+def show_threshold(
+    same: np.ndarray, other: np.ndarray, threshold: float, calibrated: float, lines: Sequence[str]
+) -> Figure:
+    """One position of a threshold: which pairs it retrieves, with precision and recall. A frame of an animation.
+
+    Args:
+        same, other: cosines of pairs that mean the same (N,), and of pairs that do not (M,).
+        calibrated: the calibrated threshold, dashed.
+        lines: what to write on the right, for example the retrieved pairs.
+    """
+    fig = plt.figure(figsize=(9.2, 3.7))
+    above = fig.add_axes((0.105, 0.55, 0.5, 0.42))
+    below = fig.add_axes((0.105, 0.135, 0.5, 0.36), sharex=above)
+    rng = np.random.default_rng(0)
+    for y, group, mark, color in ((1, same, "o", SAME_COLOR), (0, other, "x", "black")):
+        found = group >= threshold
+        spots = y + rng.uniform(-0.28, 0.28, len(group))
+        above.plot(nines(group[found]), spots[found], mark, ms=5, color=color, mew=1.2)
+        above.plot(nines(group[~found]), spots[~found], mark, ms=5, mfc="none", color="0.6", mew=0.7)
+    levels = np.linspace(0.1, 4.2, 400)
+    cut = 1 - 10**-levels
+    right, wrong = ((group[:, None] >= cut).sum(axis=0) for group in (same, other))
+    below.plot(levels, right / np.maximum(right + wrong, 1), color="C0", lw=1.6, label="precision")
+    below.plot(levels, right / len(same), color="C1", ls="-.", lw=1.6, label="recall")
+    for ax in (above, below):
+        ax.axvspan(float(nines(threshold)), 4.6, color="0.92", zorder=0)
+        ax.axvline(float(nines(threshold)), color="black", lw=2)
+        ax.axvline(float(nines(calibrated)), color="black", ls="--", lw=1)
+    above.set(yticks=[0, 1], yticklabels=["something\nelse", "the same"], ylim=(-0.5, 1.5), xlim=(0.1, 4.6))
+    above.tick_params(labelbottom=False)
+    below.set(xlabel="cosine of two phrases (each 9 is ten times nearer to 1)", ylim=(0, 1.08))
+    below.set_xticks(nines(np.array(NINES)), [f"{cosine:g}" for cosine in NINES])
+    below.legend(fontsize=8, loc="lower left")
+    for i, line in enumerate(lines):
+        fig.text(0.625, 0.93 - 0.075 * i, line, fontsize=9, va="center")
     return fig
 
 
@@ -89,7 +182,7 @@ def show_synonyms(stored: dict[str, dict[str, float]], threshold: float, title: 
             x = np.cos(angle)
             y = np.sin(angle)
             near = cosine >= threshold
-            ax.plot([0, x], [0, y], color="#8e44ad" if near else "0.75", lw=2 if near else 1, zorder=1)
+            ax.plot([0, x], [0, y], color=SAME_COLOR if near else "0.75", lw=2 if near else 1, zorder=1)
             ax.text(x, y, query, ha="center", va="center", fontsize=9, bbox={"fc": "#d7bde2" if near else "w", **box})
             ax.text(
                 0.58 * x, 0.58 * y, f"{cosine:.3f}", ha="center", va="center", fontsize=8,
@@ -104,41 +197,77 @@ def show_synonyms(stored: dict[str, dict[str, float]], threshold: float, title: 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A row of `show_comparison`: a phrase, its retrieved crop with a caption, its maps (H, W) by name, and the truth.
+    """A row of `show_comparison`: a phrase, its retrieved crop, the scene, its maps (H, W) by name, and the truth.
 
-    ``target`` and ``pointed`` (one for each map) are (row, col) in the pictures' cells.
+    ``target`` is (row, col) in the pictures' cells.
     """
 
     phrase: str
     crop: np.ndarray
-    caption: str
     picture: np.ndarray
     maps: dict[str, np.ndarray]
     target: tuple[float, float]
-    pointed: dict[str, tuple[float, float]]
 
 
-def show_comparison(rows: Sequence[Comparison], pixel: float, suptitle: str = "") -> Figure:
+def show_comparison(rows: Sequence[Comparison], config: PatchConfig, band: slice) -> Figure:
     """Figure A1: for each phrase its crop, the scene and its maps; a cross where a map points, a circle at the truth.
 
     Args:
-        pixel: side of a cell (m).
+        config: of the maps' resolution.
+        band: the rows of cells to show.
     """
     columns = 2 + len(rows[0].maps)
     fig, axes = plt.subplots(
-        len(rows), columns, figsize=(2.25 * columns, 2.5 * len(rows) + 0.4), squeeze=False, layout="constrained"
+        len(rows), columns, figsize=(2.1 * columns, 2.35 * len(rows) + 0.2), squeeze=False, layout="constrained"
     )
     for axs, row in zip(axes, rows, strict=True):
-        bare(axs[0], row.caption).imshow(row.crop)
+        bare(axs[0], "the crop").imshow(row.crop)
         axs[0].set_ylabel(f'"{row.phrase}"', fontsize=10)
         bare(axs[1], "the scene").imshow(row.picture)
+        _circle(axs[1], row.target, band)
         for ax, (name, semantic) in zip(axs[2:], row.maps.items(), strict=True):
-            r, c = row.pointed[name]
-            distance = 1000 * pixel * np.hypot(r - row.target[0], c - row.target[1])
+            pointed = plateau_centre(semantic, config)
+            distance = 1000 * config.pixel * np.hypot(*np.subtract(pointed, row.target))
             map_image = bare(ax, f"{name}: {distance:.0f} mm off").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
-            ax.plot(c, r, "x", color="#19c819", ms=8, mew=2)
-        for ax in axs[1:]:
-            ax.plot(row.target[1], row.target[0], "o", ms=13, mfc="none", mec="white", mew=1.2)
+            ax.plot(pointed[1], pointed[0], "x", color="white", ms=9, mew=2, path_effects=OUTLINE)
+            _circle(ax, row.target, band)
     fig.colorbar(map_image, ax=axes, shrink=0.5, aspect=40, label="0: typical cell, 1: typical match")
-    fig.suptitle(suptitle, fontsize=10)
     return fig
+
+
+def show_blend(
+    blends: Sequence[tuple[str, np.ndarray, tuple[float, float]]], weights: np.ndarray, distances: Sequence[np.ndarray],
+    index: int, config: PatchConfig, band: slice,
+) -> Figure:  # fmt: skip
+    """One blend weight: a map for each phrase, and how far off each weight's map points. A frame of an animation.
+
+    Args:
+        blends: for each phrase its blended map (H, W) and the truth (row, col).
+        weights: (N,), w2 of all frames; ``index`` is this frame's.
+        distances: for each phrase (N,) in mm.
+        config: of the maps' resolution.
+        band: the rows of cells to show.
+    """
+    fig = plt.figure(figsize=(8.4, 3.3))
+    for i, (phrase, semantic, target) in enumerate(blends):
+        ax = bare(fig.add_axes((0.01 + 0.275 * i, 0.03, 0.26, 0.85)), f'"{phrase}"')
+        ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        row, col = plateau_centre(semantic, config)
+        ax.plot(col, row, "x", color="white", ms=9, mew=2, path_effects=OUTLINE)
+        _circle(ax, target, band)
+    ax = fig.add_axes((0.645, 0.15, 0.34, 0.73))
+    for (phrase, _, _), values, style in zip(blends, distances, ("-", "-.", "--", ":"), strict=False):
+        line = ax.plot(weights, values, style, lw=1.6, label=f'"{phrase}"')[0]
+        ax.plot(weights[index], values[index], "o", ms=8, color=line.get_color(), mec="black")
+    ax.axvline(weights[index], color="black", lw=0.8)
+    ax.set(xlabel="w2 (w1 = 1 - w2)", ylim=(0, 1.12 * max(values.max() for values in distances)))
+    ax.set_title(f"how far off (mm), w2 = {weights[index]:.2f}", fontsize=9)
+    ax.legend(fontsize=8, loc="upper right")
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def _circle(ax: Axes, target: tuple[float, float], band: slice) -> None:
+    """The truth (row, col) in a picture, of which only the rows of ``band`` are shown."""
+    ax.plot(target[1], target[0], "o", ms=14, mfc="none", mec="white", mew=1.6, path_effects=OUTLINE)
+    ax.set_ylim(band.stop - 0.5, band.start - 0.5)

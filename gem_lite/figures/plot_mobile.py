@@ -14,6 +14,7 @@ from gem_lite.evaluation.results import Score
 from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.several_tables import MobileChoice, stitch
 from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace
 
 
@@ -65,7 +66,7 @@ def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspa
     bare(axes[0], "body camera; the tag's corners as found").imshow(view.rgb)
     axes[0].plot(*np.concatenate([corners, corners[:1]]).T, color="#00e5ff", lw=1.5)
     for number, (x, y) in enumerate(corners):
-        axes[0].text(x, y, str(number), color="#ff5252", fontsize=11, fontweight="bold")
+        axes[0].text(x, y, str(number), color="#e69f00", fontsize=11, fontweight="bold")
     extent = (workspace.x_min, workspace.x_max, workspace.y_min, workspace.y_max)
     error_image = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
     axes[1].text(workspace.x_max, (workspace.y_min + workspace.y_max) / 2, " tag", rotation=90, va="center")
@@ -111,6 +112,37 @@ def show_error_curves(
     axes[0].set_ylabel("success (0-100)")
     axes[0].legend(fontsize=8)
     fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def draw_wrong_pose(
+    heightmap: HeightMap, pick: Pose2, axis: str, centimetres: int, outcome: tuple[Pose2, str],
+    curves: dict[str, dict[str, dict[float, Score]]],
+) -> Figure:  # fmt: skip
+    """A frame of a moving picture: where the tool comes down with a wrong pose, and the first of ``curves``.
+
+    Args:
+        pick: the pick that the policy chose, in the table's frame.
+        axis: the direction of the error in words.
+        centimetres: the size of the error.
+        outcome: the error, and what became of the act in a word.
+        curves: as in `show_error_curves`.
+    """
+    error, word = outcome
+    workspace = heightmap.workspace
+    fig, axes = plt.subplots(1, 2, figsize=(7.0, 3.0), width_ratios=(1, 1.6), layout="constrained")
+    bare(axes[0], f"{centimetres} cm {axis} the table: {word}").imshow(heightmap.rgb)
+    row, col = workspace.to_pixel(pick.x, pick.y)
+    draw_gripper(axes[0], Pose2(pick.x + error.x, pick.y + error.y, pick.yaw), workspace, PICK_COLOR)
+    reach = 0.12 / workspace.pixel
+    axes[0].set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach))
+    label, lines = next(iter(curves.items()))
+    for name, scores in lines.items():
+        sizes = sorted(scores)
+        _draw_scores(axes[1], np.array(sizes), [scores[size] for size in sizes], "o-", name)
+    axes[1].axvline(centimetres, color="black", lw=1.5, ls="--")
+    axes[1].set(xlabel=label, ylabel="success (0-100)", xlim=(-0.2, 5.2))
+    axes[1].legend(fontsize=8, loc="lower left")
     return fig
 
 

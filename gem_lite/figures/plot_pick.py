@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from scipy.ndimage import maximum_filter
 
 from gem_lite.figures.plot_kernels import SIGNED
-from gem_lite.figures.plots import PICK_COLOR, action_map, bare, draw_gripper
+from gem_lite.figures.plots import LEAST_LOGIT, OUTLINE, PICK_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
@@ -95,19 +96,62 @@ def show_yaws(truth: np.ndarray, chosen: dict[str, np.ndarray], symmetry: float)
 
 
 def show_choices(cases: Sequence[tuple[str, np.ndarray, np.ndarray, Pose2]], workspace: Workspace) -> Figure:
-    """Scenes (H, W, 3) with the chosen pick, above their action maps from logits (R, H, W)."""
+    """Scenes (H, W, 3) with the chosen pick, above their action maps from logits (R, H, W), all on one scale.
+
+    Each cell of an action map shows the best of the 3 x 3 cells around it: single cells would be hard to see.
+    """
     fig, axes = plt.subplots(
-        2, len(cases), figsize=(1.6 * len(cases), 6.2), squeeze=False, layout="constrained", dpi=DPI
+        2, len(cases), figsize=(1.6 * len(cases) + 0.7, 6.0), squeeze=False, layout="constrained", dpi=DPI
     )
     for (above, below), (title, picture, logits, pose) in zip(axes.T, cases, strict=True):
         bare(above, title).imshow(picture)
         draw_gripper(above, pose, workspace, PICK_COLOR)
-        _small_bar(bare(below), below.imshow(action_map(logits), cmap="viridis"))
-        row, col = workspace.to_pixel(pose.x, pose.y)
-        below.plot(col, row, "o", ms=11, mfc="none", mec=PICK_COLOR, mew=1.5)
-        for ax in (above, below):
-            ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
-    axes[1, 0].set_ylabel("logit - best logit", fontsize=9)
+        map_image = _show_scores(below, logits, pose, workspace)
+        above.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="logit - best logit")
+    return fig
+
+
+def show_progress(
+    picture: np.ndarray, logits: np.ndarray, pose: Pose2, losses: Sequence[float], steps: int, workspace: Workspace
+) -> Figure:
+    """One moment of a training: a scene (H, W, 3) with the best pick, its action map as in `show_choices`, the losses.
+
+    Args:
+        logits: (R, H, W), of the network at this moment.
+        losses: one for each step that is done, of ``steps``; a dot shows the mean of the last ten.
+    """
+    fig, (scene, scores, curve) = plt.subplots(
+        1, 3, figsize=(6.6, 3.7), width_ratios=[1, 1.25, 1.6], layout="constrained", dpi=DPI
+    )
+    bare(scene, "best pick").imshow(picture)
+    draw_gripper(scene, pose, workspace, PICK_COLOR)
+    scene.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    fig.colorbar(_show_scores(scores, logits, pose, workspace, levels=10), ax=scores, shrink=0.8)
+    bare(scores, "action map")
+    curve.plot(losses, color="0.6", lw=0.8)
+    if losses:
+        recent = np.mean(losses[-10:])
+        curve.plot(len(losses), recent, "o", ms=6, color="C0")
+    curve.set(xlim=(0, steps), ylim=(0, 18), xlabel="step", ylabel="loss (nats)")
+    curve.set_title(f"after {len(losses)} steps", fontsize=9)
+    curve.grid(alpha=0.3)
+    return fig
+
+
+def show_grasps(
+    cases: Sequence[tuple[str, np.ndarray, Pose2]], middle: tuple[float, float], reach: float, workspace: Workspace
+) -> Figure:
+    """Chosen picks on scenes (H, W, 3), seen from near: the square of ``reach`` (m) about ``middle`` (x, y)."""
+    fig, axes = plt.subplots(
+        1, len(cases), figsize=(2.2 * len(cases), 2.5), squeeze=False, layout="constrained", dpi=DPI
+    )
+    row, col = workspace.to_pixel(*middle)
+    half = reach / workspace.pixel
+    for ax, (title, picture, pose) in zip(axes[0], cases, strict=True):
+        bare(ax, title).imshow(picture)
+        draw_gripper(ax, pose, workspace, PICK_COLOR)
+        ax.set(xlim=(col - half, col + half), ylim=(row + half, row - half))
     return fig
 
 
@@ -132,12 +176,22 @@ def show_peak_rule(
         for ax in (above, below):
             for (row, col), marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
                 ax.plot(col, row, marker, ms=11, mfc="none", mec="black", mew=4)
-                ax.plot(col, row, marker, ms=11, mfc="none", mec="white", mew=1.8, label=label)
+                ax.plot(col, row, marker, ms=11, mfc="none", mec=PICK_COLOR, mew=1.8, label=label)
             ax.set(xlim=(middle[1] - reach, middle[1] + reach), ylim=(middle[0] + reach, middle[0] - reach))
             ax.set_facecolor("0.7")
     axes[0, 0].legend(fontsize=8, loc="lower left", facecolor="0.4", labelcolor="white")
-    axes[1, 0].set_ylabel("semantic map; outlined: where a pick may lie", fontsize=9)
+    axes[1, 0].set_ylabel("map; outlined: allowed", fontsize=9)
     return fig
+
+
+def _show_scores(ax: Axes, logits: np.ndarray, pose: Pose2, workspace: Workspace, levels: int = 256) -> AxesImage:
+    """The action map of logits (R, H, W) in ``levels`` colours, from `LEAST_LOGIT` to 0, with a ring about a pick."""
+    shown = maximum_filter(action_map(logits), size=3)
+    image = bare(ax).imshow(shown, cmap=plt.get_cmap("viridis", levels), vmin=LEAST_LOGIT, vmax=0)
+    row, col = workspace.to_pixel(pose.x, pose.y)
+    ax.plot(col, row, "o", ms=11, mfc="none", mec=PICK_COLOR, mew=1.5, path_effects=OUTLINE)
+    ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    return image
 
 
 def _small_bar(ax: Axes, image: AxesImage) -> Axes:

@@ -1,18 +1,19 @@
-"""Drawings of relative angles: actions on the table, place maps, and predicted against right angles."""
+"""Drawings of relative angles: crops, kernels, actions on the table, place maps, predicted against right angles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
 from gem_lite.figures.plot_kernels import SIGNED
-from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
@@ -29,7 +30,7 @@ class ActionColumn:
 
 
 def show_actions(columns: Sequence[ActionColumn], suptitle: str = "", width: float = 1.75) -> Figure:
-    """Tables side by side with pick (green) and place (red). Action maps are below, if the columns have logits."""
+    """Tables side by side with pick (cyan) and place (orange). Action maps are below, if the columns have logits."""
     has_maps = columns[0].logits is not None
     maps = [action_map(column.logits) for column in columns] if has_maps else []
     low = min((float(np.percentile(scores, 1)) for scores in maps), default=0.0)
@@ -40,15 +41,12 @@ def show_actions(columns: Sequence[ActionColumn], suptitle: str = "", width: flo
     )  # fmt: skip
     for i, (panels, column) in enumerate(zip(axes.T, columns, strict=True)):
         w = column.heightmap.workspace
-        bare(panels[0], column.title).imshow(column.heightmap.rgb)
-        draw_gripper(panels[0], column.action.pick, w, PICK_COLOR, "pick")
-        draw_gripper(panels[0], column.action.place, w, PLACE_COLOR, "place")
+        _draw_action(panels[0], column)
         if has_maps:
             map_image = bare(panels[1]).imshow(maps[i], cmap="viridis", vmin=low, vmax=0)
             row, col = w.to_pixel(column.action.place.x, column.action.place.y)
-            panels[1].plot(col, row, "o", ms=11, mfc="none", mec=PLACE_COLOR, mew=1.5)
-        for ax in panels:
-            ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
+            panels[1].plot(col, row, "s", ms=11, mfc="none", mec=PLACE_COLOR, mew=1.5)
+            panels[1].set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
     if has_maps:
         fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="logit - best logit")
     fig.suptitle(suptitle, fontsize=10)
@@ -56,18 +54,110 @@ def show_actions(columns: Sequence[ActionColumn], suptitle: str = "", width: flo
 
 
 def show_crop(crop: torch.Tensor, suptitle: str = "") -> Figure:
-    """The five channels of a crop (5, h, h): colours in their own colour, height, and pick map."""
-    fig, axes = plt.subplots(1, 5, figsize=(8.2, 2.3), layout="constrained")
+    """A crop (5, h, h): its picture, then its channels red, green and blue, height, and pick map.
+
+    Each of the three colours is drawn in its own colour, on one scale for all three, up to the brightest pixel.
+    """
+    fig = plt.figure(figsize=(9.6, 2.3), layout="constrained")
+    grid = fig.add_gridspec(1, 6)
     picture = to_picture(crop)
-    for channel, (ax, name) in enumerate(zip(axes, ("red", "green", "blue"), strict=False)):
+    brightest = max(float(picture.max()), 1e-6)
+    for channel, name in enumerate(("red", "green", "blue")):
         one_color = np.zeros_like(picture)
-        one_color[..., channel] = picture[..., channel]
-        bare(ax, name).imshow(one_color)
-    height = bare(axes[3], "height (mm)").imshow(1000 * HEIGHT_SCALE * crop[RGBD - 1], cmap="viridis", vmin=0)
-    semantic = bare(axes[4], "pick map").imshow(crop[RGBD], cmap=SIGNED, vmin=-1.2, vmax=1.2)
-    for ax, image in ((axes[3], height), (axes[4], semantic)):
-        fig.colorbar(image, ax=ax, shrink=0.8)
+        one_color[..., channel] = picture[..., channel] / brightest
+        title = f"{name}\n{picture[..., channel].min():.2f} to {picture[..., channel].max():.2f}"
+        bare(fig.add_subplot(grid[channel + 1]), title).imshow(one_color)
+    height_ax, map_ax = (bare(fig.add_subplot(grid[i]), name) for i, name in ((4, "height (mm)"), (5, "pick map")))
+    height = height_ax.imshow(1000 * HEIGHT_SCALE * crop[RGBD - 1], cmap="viridis", vmin=0)
+    semantic = map_ax.imshow(crop[RGBD], cmap=MAP_COLORS, vmin=0, vmax=1)
+    fig.colorbar(height, ax=height_ax, shrink=0.8)
+    fig.colorbar(semantic, ax=map_ax, shrink=0.8)
+    bare(fig.add_subplot(grid[0]), "the picture").imshow(picture)
     fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def show_correlation(
+    kernel: torch.Tensor, features: torch.Tensor, answer: ActionColumn, scores: np.ndarray, suptitle: str = ""
+) -> Figure:
+    """What a place module correlates, and what comes out: kernel above features, the action, scores over the angle.
+
+    Args:
+        kernel: (C, h, h); its channels share one scale.
+        features: (C, H, W); each channel has its own scale.
+        answer: the table with the action that was read off.
+        scores: logits (R,) over the angle bins, above the pixel of the place.
+    """
+    count = len(kernel)
+    fig = plt.figure(figsize=(1.5 * count + 5.4, 4.6), layout="constrained")
+    grid = fig.add_gridspec(2, count + 2, height_ratios=(1, 1.7), width_ratios=(*(1,) * count, 1.3, 2.1))
+    top = float(kernel.abs().max())
+    for i in range(count):
+        bare(fig.add_subplot(grid[0, i]), f"kernel {i}").imshow(kernel[i], cmap=SIGNED, vmin=-top, vmax=top)
+        peak = float(features[i].abs().max())
+        title = f"features {i}\n(±{peak:.1f})"
+        bare(fig.add_subplot(grid[1, i]), title).imshow(features[i] / peak, cmap=SIGNED, vmin=-1, vmax=1)
+    _draw_action(fig.add_subplot(grid[:, count]), answer)
+    ax = fig.add_subplot(grid[:, count + 1])
+    angles, values = _centred(scores)
+    ax.plot(angles, values, "o-", ms=3, color="C0")
+    ax.plot(angles[values.argmax()], values.max(), "s", ms=8, mfc="none", mec=PLACE_COLOR, mew=2)
+    ax.set(xlabel="Δ (degrees)", ylabel="logit", xticks=[-180, -90, 0, 90, 180])
+    ax.set_title("scores at the place", fontsize=9)
+    ax.grid(alpha=0.3)
+    fig.suptitle(suptitle, fontsize=10)
+    return fig
+
+
+def _draw_action(ax: Axes, column: ActionColumn) -> None:
+    """A titled table from above with the grippers of an action."""
+    w = column.heightmap.workspace
+    bare(ax, column.title).imshow(column.heightmap.rgb)
+    draw_gripper(ax, column.action.pick, w, PICK_COLOR, "pick")
+    draw_gripper(ax, column.action.place, w, PLACE_COLOR, "place")
+    ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
+
+
+def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (R,) over the angle bins, R even, from -180 to 180 degrees: angles (R + 1,) and values (R + 1,)."""
+    rolled = np.roll(values, len(values) // 2)
+    return np.linspace(-180, 180, len(values) + 1), np.append(rolled, rolled[0])
+
+
+def show_turning(
+    column: ActionColumn, kernel: torch.Tensor, curves: dict[str, np.ndarray], right: PickPlace, lowest: float = -100.0
+) -> Figure:
+    """A frame of an animation: pick, kernel and place of a scene, beside them the scores over the relative angle.
+
+    Args:
+        column: the scene, and the action of the first curve's policy.
+        kernel: (h, h), a channel of the kernel that the first curve's policy makes from the crop at the pick.
+        curves: for each policy, logits (R,) over the angle bins, drawn below their best. The first is a full line; the
+            others are dashed. Every peak has a mark.
+        right: the right action: the middle of the pictures, and a vertical line at its relative angle.
+        lowest: the lower end of the axis, below the best logit.
+    """
+    fig = plt.figure(figsize=(7.4, 4.8))
+    grid = fig.add_gridspec(3, 2, width_ratios=(1, 2.7), left=0.01, right=0.98, bottom=0.11, top=0.88, hspace=0.24)
+    for row, pose, name in ((0, right.pick, "at the pick"), (2, right.place, "at the goal")):
+        ax = fig.add_subplot(grid[row, 0])
+        _draw_action(ax, replace(column, title=name))
+        center = column.heightmap.workspace.to_pixel(pose.x, pose.y)
+        half = kernel.shape[-1] / 2
+        ax.set(xlim=(center[1] - half, center[1] + half), ylim=(center[0] + half, center[0] - half))
+    top = float(kernel.abs().max())
+    bare(fig.add_subplot(grid[1, 0]), "kernel").imshow(kernel, cmap=SIGNED, vmin=-top, vmax=top)
+    ax = fig.add_subplot(grid[:, 1])
+    ax.axvline(np.degrees(right.delta), color="0.6", lw=5, alpha=0.6, label="right Δ")
+    for i, (name, logits) in enumerate(curves.items()):
+        angles, values = _centred(logits - logits.max())
+        ax.plot(angles, values, "--" if i else "-", lw=1.8, color=f"C{i}", label=name)
+        ax.plot(angles[values.argmax()], 0, "D" if i else "o", ms=7, color=f"C{i}")
+    ax.set(xlim=(-185, 185), ylim=(lowest, -lowest / 8), xticks=[-180, -90, 0, 90, 180], xlabel="Δ (degrees)")
+    ax.set_title("logit - best logit, at the chosen pixel", fontsize=9)
+    ax.grid(alpha=0.3)
+    ax.legend(fontsize=8, ncols=len(curves) + 1, loc="upper center")
+    fig.suptitle(column.title, fontsize=10)
     return fig
 
 
@@ -112,7 +202,7 @@ class CloseUp:
 
 
 def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float = 0.11) -> Figure:
-    """The table around the right place and its heights: the chosen pose is black, the right pose white.
+    """The table around the right place and its heights: the chosen pose is orange with a square, the right pose white.
 
     Args:
         radius: distance (m) from the right place to the edge of the picture.
@@ -125,7 +215,7 @@ def show_closeups(panels: Sequence[CloseUp], suptitle: str = "", radius: float =
         row, col = w.to_pixel(panel.right.x, panel.right.y)
         half = radius / w.pixel
         draw_gripper(column[0], panel.right, w, "white")
-        draw_gripper(column[0], panel.chosen, w, "black")
+        draw_gripper(column[0], panel.chosen, w, PLACE_COLOR)
         for ax in column:
             ax.set(xlim=(col - half, col + half), ylim=(row + half, row - half))
     fig.colorbar(heights, ax=axes[1], shrink=0.8, label="height (mm)")

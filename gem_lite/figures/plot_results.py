@@ -7,15 +7,162 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
 
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
-from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.figures.plots import (
+    MAP_COLORS,
+    OUTLINE,
+    PICK_COLOR,
+    PLACE_COLOR,
+    SAFE_COLORS,
+    action_map,
+    bare,
+    draw_gripper,
+)
+from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import Sample, to_picture
 
-METHOD_COLORS = {"gem": "C3", "transporter-lan": "C0", "cliport": "C2", "cliport-grounded": "C8"}
-"""A method's colour in every figure."""
+METHOD_NAMES = {
+    "gem": "GEM",
+    "transporter-lan": "Transporter-Lan",
+    "cliport": "CLIPort",
+    "cliport-grounded": "grounded CLIPort",
+}
+"""Methods as figures name them."""
+ABLATION_NAMES = {
+    "without-semantic-map": "no semantic map",
+    "with-single-view": "one view",
+    "without-steerable-kernel": "one unrotated kernel",
+    "with-free-kernels": "36 free kernels",
+    "without-image-map": "no image map",
+    "with-wide-patches": "wide patches",
+    "without-recoloring": "no recolouring",
+    "without-parsing": "no parsing",
+    "without-language-in-attention": "no words in the U-Nets",
+    "with-matched-single-view": "one view, matched patches",
+    "keeps-own-crop": "keeps its own crop",
+    "without-rotation-augmentation": "no turned pictures",
+    "without-map-scaling": "no rescaled maps",
+    "without-conjuncts": '"and" as one phrase',
+    "without-peak": "no pick rule",
+    "without-empty-spots": "no rule on empty spots",
+}
+"""Endings of methods' names as figures name them."""
+TASK_NAMES = {
+    "put-block-in-bowl-seen-colors": "bowls, seen colours",
+    "put-block-in-bowl-unseen-colors": "bowls, unseen colours",
+    "block-insertion": "block insertion (L)",
+    "bars-in-box": "bars in a box",
+    "stack-block-pyramid-seq-seen-colors": "pyramid, seen colours",
+    "stack-block-pyramid-seq-unseen-colors": "pyramid, unseen colours",
+    "packing-shapes-seen": "packing, seen shapes",
+    "packing-shapes-unseen": "packing, unseen shapes",
+}
+"""Tasks as figures name them."""
+METHOD_COLORS = dict(zip(METHOD_NAMES, SAFE_COLORS, strict=False))
+METHOD_COLORS |= {METHOD_NAMES[name]: color for name, color in METHOD_COLORS.items()}
+"""A method's colour in every figure, by its name in the library and in figures."""
+METHOD_MARKS = dict(zip(METHOD_COLORS, "osD^" * 2, strict=True))
+"""A method's mark in every figure, so that colour is not the only difference."""
+BOXES = {
+    "GEM": (
+        (("RGB-D from above", 1, 0), ("semantic map of the phrase,\nby CLIP, from all views", 0, 0),
+         ("pick: words\nplace: crop at the pick", 2, 0)),
+        (("map, refined: it gates", 0, 1), ("U-Net with the words", 1, 1), ("kernel network", 2, 1)),
+        "one kernel,\nsteered to 36 angles",
+    ),
+    "CLIPort": (
+        (("CLIP's features from above", 0, 0), ("RGB-D from above", 1, 0),
+         ("place: crop at the pick,\nturned 36 times", 2, 0)),
+        (("semantic stream,\ntimes words at every level", 0, 1), ("spatial stream: U-Net", 1, 1),
+         ("both streams again", 2, 1)),
+        "pick: none (36 channels)\nplace: 36 crops' features",
+    ),
+    "Transporter-Lan": (
+        (("RGB-D from above", 1, 0), ("place: crop at the pick,\nturned 36 times", 2, 0)),
+        (("U-Net with the words", 1, 1), ("U-Net with the words", 2, 1)),
+        "pick: none (36 channels)\nplace: 36 crops' features",
+    ),
+}  # fmt: skip
+"""For each method: boxes of inputs and of networks (text, line, column), and the text of the kernel's box."""
+
+
+def readable(name: str) -> str:
+    """The name of a task, a method or an ablation as figures show it; unknown names stay as they are."""
+    if name in ABLATION_NAMES or name in TASK_NAMES:
+        return (ABLATION_NAMES | TASK_NAMES)[name]
+    for method in sorted(METHOD_NAMES, key=len, reverse=True):
+        rest = name.removeprefix(method)
+        if rest != name and (not rest or rest[1:] in ABLATION_NAMES):
+            return METHOD_NAMES[method] + (f", {ABLATION_NAMES[rest[1:]]}" if rest else "")
+    return name
+
+
+def show_boxes() -> Figure:
+    """Every method of `BOXES` as a row: inputs, networks, kernel, scores. Grey boxes come from the frozen CLIP."""
+    fig, axes = plt.subplots(len(BOXES), 1, figsize=(10.6, 7.2), layout="constrained")
+    for ax, (name, (inputs, networks, kernel)) in zip(axes, BOXES.items(), strict=True):
+        color = METHOD_COLORS[name]
+        bare(ax).set(xlim=(-0.5, 3.5), ylim=(2.5, -0.5))
+        ax.spines[:].set_visible(False)
+        ax.set_title(name, loc="left", color=color, fontweight="bold")
+        for text, line, _ in inputs:
+            _box(ax, 0, line, text, "0.6" if "CLIP" in text else "white", "black")
+            _arrow(ax, (0.42, line), (0.58, line))
+        for text, line, _ in networks:
+            _box(ax, 1, line, text, color, color)
+        _box(ax, 2, 2, kernel, "white", color)
+        _arrow(ax, (1.42, 2), (1.58, 2))
+        _box(ax, 3, 1, "scores of every action:\n36 angles x 160 x 80", "white", "black")
+        _arrow(ax, (1.42, 1), (2.58, 1))
+        ax.text(2.0, 0.86, "features", ha="center", fontsize=8)
+        _arrow(ax, (2.42, 2), (2.75, 1.42))
+        ax.text(2.72, 1.95, "correlate" + ("" if name == "GEM" else " (place)"), fontsize=8)
+        if any(line == 0 for _, line, _ in networks):
+            up = name == "CLIPort"
+            _arrow(ax, (1.0, 0.64 if up else 0.36), (1.0, 0.36 if up else 0.64))
+            ax.text(1.05, 0.5, "every level joins; outputs are summed" if up else "times", fontsize=8, va="center")
+    for column, title in enumerate(("inputs", "networks", "kernel", "scores")):
+        axes[0].text(column, -0.72, title, ha="center", fontsize=10, fontstyle="italic")
+    return fig
+
+
+def _box(ax: Axes, column: float, line: float, text: str, fill: str, edge: str) -> None:
+    """A box with a text, of the width 0.84 and the height 0.68; ``fill`` is made pale."""
+    shape = FancyBboxPatch((column - 0.4, line - 0.3), 0.8, 0.6, "round,pad=0.02,rounding_size=0.06")
+    shape.set(facecolor=fill, alpha=0.25, edgecolor="none")
+    ax.add_patch(shape)
+    outline = FancyBboxPatch((column - 0.4, line - 0.3), 0.8, 0.6, "round,pad=0.02,rounding_size=0.06")
+    outline.set(facecolor="none", edgecolor=edge, linewidth=1.2)
+    ax.add_patch(outline)
+    ax.text(column, line, text, ha="center", va="center", fontsize=8)
+
+
+def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], style: str = "->") -> None:
+    ax.annotate("", end, start, arrowprops={"arrowstyle": style, "lw": 1.2})
+
+
+def draw_learning(choices: dict[str, Choice], step: int) -> Figure:
+    """A small frame for `pictures.animated`: one scene, and for each method its action maps of pick and place.
+
+    Args:
+        choices: what each method chooses in the scene after ``step`` training steps.
+    """
+    fig, axes = plt.subplots(1, 1 + 2 * len(choices), figsize=(6.6, 3.1), layout="constrained")
+    bare(axes[0], f"step {step}").imshow(next(iter(choices.values())).heightmap.rgb)
+    for number, (name, choice) in enumerate(choices.items()):
+        for column, role, logits, (_, row, col), mark, color in (
+            (1, "pick", choice.pick_logits, choice.pick_cell, "o", PICK_COLOR),
+            (2, "place", choice.place_logits, choice.place_cell, "s", PLACE_COLOR),
+        ):
+            ax = bare(axes[2 * number + column], f"{name}\n{role}")
+            ax.imshow(2 * np.round(action_map(logits) / 2), cmap=MAP_COLORS, vmin=-20, vmax=0)
+            ax.plot(col, row, mark, ms=9, mfc="none", mec=color, mew=2, path_effects=OUTLINE)
+    return fig
 
 
 def show_losses(losses: dict[str, np.ndarray], floors: tuple[float, float], window: int = 25) -> Figure:
@@ -42,8 +189,8 @@ def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
     fig, axes = plt.subplots(2, len(samples), figsize=(1.5 * len(samples), 5.2), layout="constrained")
     for (above, below), sample, title in zip(axes.T, samples, titles, strict=True):
         bare(above, title).imshow(to_picture(sample.rgbd))
-        for (row, col), color in ((sample.pick, PICK_COLOR), (sample.place, PLACE_COLOR)):
-            above.plot(col, row, "o", mfc="none", mec=color, ms=9, mew=2)
+        for (row, col), color, mark in ((sample.pick, PICK_COLOR, "o"), (sample.place, PLACE_COLOR, "s")):
+            above.plot(col, row, mark, mfc="none", mec=color, ms=9, mew=2, path_effects=OUTLINE)
         bare(below).imshow(sample.maps["pick"][0], cmap=MAP_COLORS, vmin=0, vmax=1)
     return fig
 
@@ -62,7 +209,8 @@ def show_success(panels: dict[str, dict[str, dict[int, Score]]], title: str = ""
             ends = np.array([scores[count].interval for count in sorted(scores)]).T
             nudged = counts * (1 + 0.04 * (number - 1))  # so that intervals do not hide each other
             reach = np.clip([means - ends[0], ends[1] - means], 0, None)
-            ax.errorbar(nudged, means, reach, fmt="o-", capsize=3, color=METHOD_COLORS.get(method), label=method)
+            style = {"color": METHOD_COLORS.get(method), "marker": METHOD_MARKS.get(method, "o")}
+            ax.errorbar(nudged, means, reach, fmt="-", capsize=3, label=readable(method), **style)
         ax.set(xscale="log", ylim=(-3, 103), xlabel="demonstrations", title=name)
         ax.set_xticks([1, 5, 10, 20, 100], ["1", "5", "10", "20", "100"])
         ax.minorticks_off()
@@ -97,6 +245,31 @@ def show_scores(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
     return fig
 
 
+def show_dots(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
+    """Means as dots with 95 % intervals on one axis: a line for each name, a colour and a mark for each group."""
+    names = list(dict.fromkeys(name for scores in groups.values() for name in scores))
+    fig, ax = plt.subplots(figsize=(7.6, 0.14 * len(names) * (1 + len(groups)) + 1.5), layout="constrained")
+    shared = {name: [group for group, scores in groups.items() if name in scores] for name in names}
+    for number in range(0, len(names), 2):
+        ax.axhspan(number - 0.5, number + 0.5, color="0.95", lw=0)
+    for number, (group, scores) in enumerate(groups.items()):
+        # The dots of a name lie around its line, even where some groups lack the name.
+        offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in scores]
+        rows = np.array([names.index(name) for name in scores]) + 0.25 * np.array(offsets)
+        means = np.array([score.mean for score in scores.values()])
+        ends = np.array([score.interval for score in scores.values()]).T
+        reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+        style = {"fmt": "osD^"[number % 4], "ms": 5, "capsize": 2.5, "color": SAFE_COLORS[number % len(SAFE_COLORS)]}
+        ax.errorbar(means, rows, xerr=reach, label=group, **style)
+    ax.set_yticks(range(len(names)), names)
+    ax.set(xlim=(-3, 103), ylim=(len(names) - 0.5, -0.5), xlabel="success (0-100), with 95 % interval")
+    ax.set_title(title, fontsize=10)
+    if len(groups) > 1:
+        fig.legend(fontsize=8, loc="outside lower center", ncols=len(groups))
+    ax.grid(axis="x", alpha=0.3)
+    return fig
+
+
 def show_worlds(panels: dict[str, dict[str, dict[str, Score]]], title: str = "") -> Figure:
     """Means with 95 % intervals in several worlds: a panel for each task family, a row for each world.
 
@@ -112,9 +285,10 @@ def show_worlds(panels: dict[str, dict[str, dict[str, Score]]], title: str = "")
             means = np.array([score.mean for score in scores.values()])
             ends = np.array([score.interval for score in scores.values()]).T
             reach = np.clip([means - ends[0], ends[1] - means], 0, None)
-            ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=f"C{number}", label=label)
+            ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=SAFE_COLORS[number], label=label)
         ax.set_yticks(range(len(worlds)), worlds)
-        ax.set(xlim=(-3, 103), xlabel="success (0-100)", title=family)
+        ax.set(xlim=(-3, 103), xlabel="success (0-100)")
+        ax.set_title(readable(family), fontsize=10)
         ax.grid(alpha=0.3)
     np.atleast_1d(axes)[0].invert_yaxis()
     np.atleast_1d(axes)[0].legend(fontsize=8)

@@ -1,15 +1,15 @@
 """Steerable kernels: lift to an orbit, Fourier transform over rotations, correlate, sample (A.1.2, A.8).
 
 A kernel psi (C, h, h), h odd, is turned counter-clockwise by theta_i = 2 pi i / n, which gives its orbit
-Psi_i(x) = psi(g_i^-1 x). The Fourier transform over i,
+Psi_i(x) = psi(g_i^-1 x). The Fourier transform over i, ::
 
     c_k = 1/n sum_i Psi_i exp(-i k theta_i),    |k| <= K < n/2,
 
-is what features are correlated with, so the response is a signal on the circle above every pixel,
+is what features are correlated with, so the response is a signal on the circle above every pixel, ::
 
     R_theta(v) = sum_k C_k(v) exp(i k theta),   C_k(v) = sum_w F(v + w) c_k(w),
 
-which can be sampled at any angle. Psi is real, so c_-k is the conjugate of c_k and only k >= 0 is kept.
+which can be sampled at any angle. Psi is real, so ``c_-k`` is the conjugate of ``c_k`` and only k >= 0 is kept.
 
 **What is exact, what is not.** A kernel's pixels are read as samples of a function on the disc of radius
 R = (h + 1) / 2, written in polar harmonics f(r) exp(i m phi) with f a Bessel function (the modes of a

@@ -129,8 +129,8 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
 def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
     """The largest of all samples, as (angle, row, col). Pixels where it cannot be are not sampled.
 
-    At every pixel the signal is at most C_0 + 2 sum of |C_k|. So only pixels whose bound reaches the best value so far
-    are sampled. The result is that of ``sample(...).argmax()``.
+    At every pixel the signal is at most ``C_0 + 2 sum of |C_k|``. So only pixels whose bound reaches the best value
+    so far are sampled. The result is that of ``sample(...).argmax()``.
 
     Args:
         response: (K + 1, H, W) complex, of one scene.

@@ -1,0 +1,47 @@
+"""Sphinx: how `make book` builds the site from the stored notebooks, docs/ and the docstrings. Nothing is executed."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from docutils import nodes
+from myst_nb.core.render import MimeData, NbElementRenderer
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[1]
+
+project = "gem_lite"
+author = "gem_lite developers"
+release = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+root_doc = "docs/index"
+include_patterns = ["docs/*.md", "build/api/*.rst", "notebooks/*.ipynb", "data/*/README.md", "*.md"]
+extensions = ["myst_nb", "sphinx.ext.apidoc", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+
+nb_execution_mode = "off"
+myst_enable_extensions = ["amsmath", "dollarmath"]
+myst_heading_anchors = 3
+default_role = "code"
+apidoc_modules = [{"path": "../gem_lite", "destination": "build/api"}]
+suppress_warnings = ["ref.python"]
+"""Several classes have a field of one name: Sphinx then cannot choose where a link to it leads."""
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+napoleon_use_ivar = True
+
+html_theme = "sphinx_book_theme"
+html_title = "gem_lite"
+html_theme_options = {"show_toc_level": 1, "use_download_button": True}
+
+
+def setup(_: Sphinx) -> None:
+    """Give each picture of a notebook the alternative text of its output, which myst-nb leaves out."""
+    plain = NbElementRenderer.render_image
+
+    def with_text(self: NbElementRenderer, data: MimeData) -> list[nodes.Element]:
+        elements = plain(self, data)
+        for element in elements:
+            element["alt"] = data.output_metadata.get(data.mime_type, {}).get("alt", "")
+        return elements
+
+    NbElementRenderer.render_image = with_text

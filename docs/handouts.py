@@ -1,0 +1,46 @@
+"""The lessons for students, without solutions and answers.
+
+    python docs/handouts.py [FOLDER]
+
+The lessons stay as they are stored, with all outputs. Solutions are left out, and so are the answers of "Check
+yourself". Hints stay.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import nbformat
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "build" / "handouts"
+QUESTIONS = re.compile(r"^## Check yourself$.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+ANSWER = re.compile(r"<details>\s*<summary>(.*?)</summary>.*?</details>", re.DOTALL)
+
+
+def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """A copy of a lesson without the cells with the tag "solution" and without the answers to its questions."""
+    handout = nbformat.from_dict(notebook)
+    handout.cells = [cell.copy() for cell in notebook.cells if "solution" not in cell.metadata.get("tags", [])]
+    for cell in handout.cells:
+        if cell.cell_type == "markdown":
+            cell.source = QUESTIONS.sub(lambda part: ANSWER.sub(r"- \1", part[0]), cell.source)
+    return handout
+
+
+def write(folder: Path) -> list[Path]:
+    """Write the handouts of all lessons. Returns their files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        handout = without_solutions(nbformat.read(path, as_version=4))
+        files.append(folder / path.name)
+        nbformat.write(handout, files[-1])
+    return files
+
+
+if __name__ == "__main__":
+    for file in write(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER):
+        print(file)

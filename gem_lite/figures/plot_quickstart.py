@@ -1,0 +1,234 @@
+"""Drawings of the quickstart: how one bowl is chosen among many, answers to sentences, and a film of an episode."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image as Pillow
+from typing_extensions import override
+
+from gem_lite.actions import GripperState, PickPlace
+from gem_lite.figures import pictures
+from gem_lite.figures.plots import (
+    LEAST_LOGIT,
+    MAP_COLORS,
+    PICK_COLOR,
+    PLACE_COLOR,
+    action_map,
+    bare,
+    draw_gripper,
+)
+from gem_lite.policies.gem import Decision
+from gem_lite.rgbd.camera import Camera
+from gem_lite.se2 import Workspace
+from gem_lite.simulation.rendering import cameras_around, render
+from gem_lite.simulation.world import World
+
+DARK, LIGHT = "#202020", "white"
+"""Background and text of a film."""
+DPI = 72
+FRAME_SIZE = 656, 270
+"""Width and height of a film's frame (pixels)."""
+SCREEN = slice(47, 261), slice(9, 295)
+"""The rows and columns of a frame that show the camera's picture."""
+
+
+def show_lead(logits: np.ndarray, things: Sequence[tuple[str, float, float]]) -> Figure:
+    """How far the best place leads: the action map in full, the same cut at `LEAST_LOGIT`, and single things.
+
+    Args:
+        logits: (R, H, W).
+        things: for each thing its name, its largest logit minus the best of all, and the map's value on it.
+    """
+    fig, axes = plt.subplots(1, 3, figsize=(9.8, 3.3), width_ratios=(1.15, 1.15, 2.6), layout="constrained")
+    full = logits.max(axis=0) - logits.max()
+    for ax, title, values in zip(axes, ("all logits", "cut at 20 below"), (full, action_map(logits)), strict=False):
+        fig.colorbar(bare(ax, title).imshow(values, cmap="viridis"), ax=ax, label="logit - best logit")
+    row, col = divmod(int(full.argmax()), full.shape[1])
+    _zoom(axes[1], action_map(logits), row, col)
+    ax = axes[2]
+    for i, (_, lead, value) in enumerate(things):
+        ax.plot([lead, 0], [i, i], color="0.75", lw=1.5, zorder=1)
+        ax.plot(lead, i, "s", ms=8, color=PLACE_COLOR, mec="black")
+        ax.annotate(f"map {value:.2f}", (lead, i), (0, 7), textcoords="offset points", ha="center", fontsize=8)
+    ax.axvline(LEAST_LOGIT, color="0.4", ls="--", lw=1)
+    ax.annotate("cut", (LEAST_LOGIT, len(things) - 0.6), (-3, 0), textcoords="offset points", ha="right", fontsize=8)
+    ax.set_yticks(range(len(things)), [name for name, *_ in things])
+    lowest = min(lead for _, lead, _ in things)
+    ax.set(ylim=(len(things) - 0.4, -0.8), xlim=(1.12 * lowest, -0.1 * lowest), xlabel="its best logit - best of all")
+    ax.grid(axis="x", alpha=0.3)
+    return fig
+
+
+def _zoom(ax: Axes, values: np.ndarray, row: int, col: int, reach: int = 8) -> None:
+    """The cells around (row, col) of an action map (H, W), enlarged, in the half of the panel that does not hold it."""
+    inset = ax.inset_axes((0.06, 0.05 if row < len(values) / 2 else 0.52, 0.88, 0.44))
+    bare(inset).imshow(values, cmap="viridis", vmin=LEAST_LOGIT, vmax=0)
+    inset.set(xlim=(col - reach - 0.5, col + reach + 0.5), ylim=(row + reach + 0.5, row - reach - 0.5))
+    for edge in inset.spines.values():
+        edge.set_color(LIGHT)
+    ax.indicate_inset_zoom(inset, edgecolor=LIGHT, alpha=0.8)
+
+
+def show_answers(
+    picture: np.ndarray, workspace: Workspace, answers: Sequence[tuple[str, PickPlace | None, str]]
+) -> Figure:
+    """One picture from above for each sentence, with the pick and the place that were chosen, and a note below it.
+
+    Args:
+        picture: (H, W, 3) uint8, the table from above.
+        answers: for each its sentence, its action (None: the sentence was refused, the picture is dark) and the note.
+    """
+    fig, axes = plt.subplots(1, len(answers), figsize=(1.5 * len(answers), 4.2), layout="constrained")
+    for ax, (sentence, action, note) in zip(np.atleast_1d(axes), answers, strict=True):
+        bare(ax, textwrap.fill(sentence, 19)).imshow(picture if action else picture // 3)
+        if action:
+            draw_gripper(ax, action.pick, workspace, PICK_COLOR)
+            draw_gripper(ax, action.place, workspace, PLACE_COLOR)
+        else:
+            ax.text(0.5, 0.5, "refused", transform=ax.transAxes, ha="center", color=LIGHT, fontsize=11)
+        rows, cols = picture.shape[:2]
+        ax.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+        ax.set_xlabel(note, fontsize=8)
+    return fig
+
+
+class Film(list[GripperState]):
+    """A tool's log that also takes pictures while the tool is over the table. Use it as ``world.effector.trace``.
+
+    Attributes:
+        pictures: (h, w, 3) uint8 each.
+        holding: for each picture, whether the tool then held a body.
+
+    Args:
+        camera: the number of the camera that films.
+        every: one picture for so many entries of the log.
+        width: of a picture, in pixels.
+    """
+
+    def __init__(self, world: World, camera: int, every: int = 9, width: int = 320) -> None:
+        super().__init__()
+        self.world = world
+        self.camera = _resized(cameras_around(world.workspace)[camera], width)
+        self.every = every
+        self.pictures: list[np.ndarray] = []
+        self.holding: list[bool] = []
+
+    @override
+    def append(self, state: GripperState) -> None:
+        super().append(state)
+        if len(self) % self.every == 0 and state.x > self.world.workspace.x_min:
+            self.pictures.append(self.take())
+            self.holding.append(self.world.effector.held is not None)
+
+    def take(self) -> np.ndarray:
+        """(h, w, 3) uint8: a picture of the present moment."""
+        return render(self.world.client, self.camera, self.world.style.light)[0].rgb
+
+
+def _resized(camera: Camera, width: int) -> Camera:
+    """The same camera with pictures of another width."""
+    scale = width / camera.size[1]
+    rows = [tuple(scale * value for value in row) for row in camera.intrinsics[:2]]
+    return replace(camera, size=(round(scale * camera.size[0]), width), intrinsics=(*rows, camera.intrinsics[2]))
+
+
+def episode_frames(
+    decision: Decision, before: np.ndarray, act: Sequence[np.ndarray], after: tuple[np.ndarray, np.ndarray]
+) -> list[np.ndarray]:
+    """The frames of an episode's film: the sentence, the maps and action maps of pick and place, and the act.
+
+    Args:
+        before: (h, w, 3) uint8, the camera's picture before the act.
+        act: its pictures during the act.
+        after: its picture after the act, and the table from above at that time.
+    """
+    above = decision.heightmap.rgb
+    captions = ("a sentence", "what to pick?", "pick: where exactly?", "where to place?", "place: where exactly?")
+    last = len(captions) - 1
+    frames = []
+    for stage, caption in enumerate(captions):
+        frames += 4 * [_on_screen(before, show_moment(decision, above, stage, caption))]
+    acting = pictures.frame(show_moment(decision, above, last, "the act"), DPI)
+    frames += [_on_screen(picture, acting) for picture in act]
+    frames += 6 * [_on_screen(after[0], show_moment(decision, after[1], last + 1, "after the act"))]
+    return _with_few_colors(frames)
+
+
+def _on_screen(picture: np.ndarray, moment: Figure | np.ndarray) -> np.ndarray:
+    """A frame with the camera's picture. To draw a whole frame for each picture would take a second more."""
+    result = pictures.frame(moment, DPI) if isinstance(moment, Figure) else moment.copy()
+    height, width = result[SCREEN].shape[:2]
+    result[SCREEN] = np.asarray(Pillow.fromarray(picture).resize((width, height)))
+    return result
+
+
+def _with_few_colors(frames: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The frames in as many colours as a moving picture has. Colours of small objects stay: each octant keeps some."""
+    strip = Pillow.fromarray(np.concatenate(frames))
+    few = strip.quantize(pictures.COLORS, method=Pillow.Quantize.FASTOCTREE, dither=Pillow.Dither.NONE)
+    return np.split(np.asarray(few.convert("RGB")), len(frames))
+
+
+def show_moment(decision: Decision, above: np.ndarray, stage: int, caption: str) -> Figure:
+    """A frame of a film: the sentence, a place for a camera's picture, the table from above, a map and an action map.
+
+    Args:
+        above: (H, W, 3) uint8, the table from above.
+        stage: 0: no map yet, 1: the pick's map, 2: and its action map, 3: the place's map, 4: and its action map,
+            5: as 4, without the grippers on the table.
+        caption: of the camera's picture.
+    """
+    fig = plt.figure(figsize=(FRAME_SIZE[0] / DPI, FRAME_SIZE[1] / DPI), facecolor=DARK)
+    queries = decision.queries
+    phrases = {str(queries.pick): (PICK_COLOR, stage >= 1), str(queries.place): (PLACE_COLOR, stage >= 3)}
+    _write(fig, decision.instruction, {phrase: color for phrase, (color, shown) in phrases.items() if shown})
+    _panel(fig, 8, 288, caption)
+    workspace = decision.heightmap.workspace
+    top = _panel(fig, 307, 108, "from above")
+    top.imshow(above)
+    for pose, color, first in ((decision.action.pick, PICK_COLOR, 2), (decision.action.place, PLACE_COLOR, 4)):
+        if first <= stage < 5:
+            draw_gripper(top, pose, workspace, color)
+    role, semantic, logits, pose, color = ("place", decision.place_map, decision.place_logits, decision.action.place,
+                                           PLACE_COLOR)  # fmt: skip
+    if stage < 3:
+        role, semantic, logits, pose, color = ("pick", decision.pick_map, decision.pick_logits, decision.action.pick,
+                                               PICK_COLOR)  # fmt: skip
+    axes = [top, _panel(fig, 423, 108, f"{role}: blend"), _panel(fig, 539, 108, f"{role}: action map")]
+    if stage >= 1:
+        axes[1].imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+    if stage in (2, 4, 5):
+        axes[2].imshow(action_map(logits), cmap="viridis", vmin=LEAST_LOGIT, vmax=0)
+        row, col = workspace.nearest_cell(pose.x, pose.y)
+        _zoom(axes[2], action_map(logits), row, col)
+        axes[2].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.8)
+    for ax in axes:
+        ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+    return fig
+
+
+def _panel(fig: Figure, left: float, width: float, title: str) -> Axes:
+    """Axes for a picture at ``left`` (pixels), 216 pixels high, with a title above."""
+    across, up = FRAME_SIZE
+    ax = bare(fig.add_axes((left / across, 8 / up, width / across, 216 / up)), title)
+    ax.title.set_color(LIGHT)
+    ax.set_facecolor("#303030")
+    return ax
+
+
+def _write(fig: Figure, sentence: str, colored: dict[str, str]) -> None:
+    """A sentence above the panels. The phrases in ``colored`` are written over it in their colour."""
+    layers = [(sentence, LIGHT)]
+    for phrase, color in colored.items():
+        start = sentence.find(phrase)
+        if start >= 0:
+            layers.append((" " * start + phrase, color))
+    for text, color in layers:
+        fig.text(0.012, 0.925, text, color=color, family="monospace", weight="bold", fontsize=14)
