@@ -102,7 +102,7 @@ def pose_marks(poses: dict[str, Pose2]) -> tuple[np.ndarray, np.ndarray]:
         top = np.array([pose.x, pose.y, POLE])
         tip = top + 0.09 * np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0])
         line = np.concatenate([foot + steps * (top - foot), top + steps * (tip - top)])
-        thick = [line + offset for offset in 0.004 * np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)]
+        thick = [line + offset for offset in 0.003 * np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)]
         points.append(np.concatenate(thick))
         color = PLACE_COLOR if name == "place" else PICK_COLOR
         colors.append(np.tile([int(color[i : i + 2], 16) for i in (1, 3, 5)], (len(points[-1]), 1)))
@@ -126,8 +126,9 @@ def show_slice(
         cloud = cloud[np.floor(w.to_pixel(cloud[:, 0], cloud[:, 1])[0] + 0.5) == row]
         ax.plot(cloud[:, 0], 1000 * cloud[:, 2], "osD"[i % 3], ms=3.4, alpha=0.6, color=SAFE_COLORS[i], label=name)
     ax.stairs(1000 * heightmap.height[row], edges, color="black", lw=1.4, label="height of the cell")
-    ax.set(xlabel="x (m)", ylabel="z (mm)", xlim=span, ylim=(-3, 44))
+    ax.set(xlabel="x (m)", ylabel="z (mm)", ylim=(-3, 44))
     ax.set_xticks(edges, minor=True)
+    ax.set_xlim(span)
     ax.grid(axis="x", which="minor", alpha=0.25)
     fig.legend(ncols=4, fontsize=8, loc="outside upper center")
     return fig
