@@ -126,12 +126,14 @@ def test_success_draws_a_panel_each_with_its_intervals():
     assert list(means) == [50, 90]
 
 
-def test_cells_are_bars_in_the_given_order():
-    one, two, three = cells(30, 60, 90)
-    fig = plot_results.show_scores({"seen": {"whole": three, "less": two}, "unseen": {"whole": one}})
+def test_cells_are_dots_in_the_given_order():
+    low, middle, high = cells(30, 60, 90)
+    fig = plot_results.show_dots({"seen": {"whole": high, "less": middle}, "unseen": {"whole": low}})
     ax = fig.axes[0]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["whole", "less"]
-    assert [bar.get_width() for bar in ax.patches] == [90, 60, 30]
+    means = [drawn.lines[0].get_xdata().tolist() for drawn in ax.containers]
+    assert sorted(mean for group in means for mean in group) == [30, 60, 90]
+    assert ax.get_ylim()[0] > ax.get_ylim()[1], "the first name must be the upper one"
 
 
 def test_worlds_are_rows_with_their_intervals():

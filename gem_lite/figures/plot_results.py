@@ -221,30 +221,6 @@ def show_success(panels: dict[str, dict[str, dict[int, Score]]], title: str = ""
     return fig
 
 
-def show_scores(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
-    """Means with 95 % intervals as horizontal bars: a row for each name, a colour for each group."""
-    names = list(dict.fromkeys(name for scores in groups.values() for name in scores))
-    fig, ax = plt.subplots(figsize=(7.6, 0.34 * len(names) * len(groups) + 1.1), layout="constrained")
-    thick = 0.8 / len(groups)
-    shared = {name: [group for group, scores in groups.items() if name in scores] for name in names}
-    for number, (group, scores) in enumerate(groups.items()):
-        # The bars of a name lie around it, even where some groups lack the name.
-        offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in scores]
-        rows = np.array([names.index(name) for name in scores]) + thick * np.array(offsets)
-        means = np.array([score.mean for score in scores.values()])
-        ends = np.array([score.interval for score in scores.values()]).T
-        reach = np.clip([means - ends[0], ends[1] - means], 0, None)
-        ax.barh(rows, means, 0.9 * thick, xerr=reach, capsize=3, color=f"C{number}", alpha=0.75, label=group)
-        for row, mean, end in zip(rows, means, ends[1], strict=True):
-            ax.text(end + 1.5, row, f"{mean:.1f}", va="center", fontsize=8)
-    ax.set_yticks(range(len(names)), names)
-    ax.invert_yaxis()
-    ax.set(xlim=(0, 112), xlabel="success (0-100), with 95 % interval", title=title)
-    fig.legend(fontsize=8, loc="outside lower center", ncols=len(groups))
-    ax.grid(axis="x", alpha=0.3)
-    return fig
-
-
 def show_dots(groups: dict[str, dict[str, Score]], title: str = "", low: float = 0) -> Figure:
     """Means as dots with 95 % intervals on one axis from ``low`` on: a line for each name, a mark for each group.
 

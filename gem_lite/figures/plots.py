@@ -221,23 +221,6 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
     return fig
 
 
-def map_colors(values: np.ndarray) -> np.ndarray:
-    """Map values of any shape, 0 to 1, as RGB (..., 3) uint8 in the colours of all maps."""
-    return (255 * plt.get_cmap(MAP_COLORS)(np.clip(values, 0, 1))[..., :3]).astype(np.uint8)
-
-
-def show_pointings(cases: Sequence[tuple[str, np.ndarray, np.ndarray, tuple[float, float]]]) -> Figure:
-    """Pictures (H, W, 3) above their maps (H, W), with a cross at the cell (row, col) that the map points at."""
-    fig, axes = plt.subplots(2, len(cases), figsize=(1.9 * len(cases), 6.2), squeeze=False, layout="constrained")
-    for column, (title, picture, semantic, (row, col)) in enumerate(cases):
-        bare(axes[0, column], title).imshow(picture)
-        bare(axes[1, column], "").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
-        for ax in axes[:, column]:
-            ax.plot(col, row, "+", ms=16, mew=2.5, color="white")
-            ax.plot(col, row, "+", ms=14, mew=1.2, color="black")
-    return fig
-
-
 def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
                 title: str) -> Figure:  # fmt: skip
     """Panel (b) of Figure 2: the views with their maps (NaN: outside the workspace), and both fused from above."""
@@ -265,18 +248,6 @@ def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
     ax.set_xticks(range(len(groups)), groups)
     ax.set_ylabel(label)
     ax.grid(axis="y", alpha=0.3)
-    return fig
-
-
-def show_distances(groups: dict[str, np.ndarray], limit: float) -> Figure:
-    """For each group of distances (m), the share below each distance; ``limit`` is marked."""
-    fig, ax = plt.subplots(figsize=(5.4, 3.4), layout="constrained")
-    for name, values in groups.items():
-        ax.step(1000 * np.sort(values), np.arange(1, len(values) + 1) / len(values), where="post", label=name)
-    ax.axvline(1000 * limit, color="0.4", ls="--", label=f"{1000 * limit:.0f} mm")
-    ax.set(xlabel="distance to the nearest right object (mm)", ylabel="share of phrases", xlim=(0, 120), ylim=(0, 1.03))
-    ax.legend(loc="lower right")
-    ax.grid(alpha=0.3)
     return fig
 
 
