@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Some images set this. Then each of the many processes of the tests would compile torch anew: six seconds each.
+unexport PYTHONDONTWRITEBYTECODE
 # All of environment.txt; what the demo uses, at the same versions.
 READY := $(VENV)/ready
 READY_FOR_DEMO := $(VENV)/ready-for-demo
