@@ -182,33 +182,61 @@ TEAM = """
 import pickle, sys, types
 from pathlib import Path
 from accelerate import PartialState
+from gem_lite import clip, demonstrations
 from gem_lite.learning import train
+from gem_lite.policies import methods
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.transporter import TransporterConfig
-run = Path(sys.argv[1])
-settings, dim, steps = pickle.loads((run / "given").read_bytes())
+
+folder, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
+rank = PartialState(cpu=True).process_index
+
+method, settings = methods.find("transporter-lan")
+policy = method(settings, clip.load())
+honest = policy.embed
+prepared = []
+policy.embed = lambda views: prepared.append(1) or honest(views)
+steps = train.prepared_steps(policy, demos, folder)
+(folder / f"prepared-{rank}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
+
+settings, dim, steps = pickle.loads((folder / "given").read_bytes())
 policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
-train.train(policy, steps, seed=3, run=run)
+train.train(policy, steps, seed=3, run=folder)
 weights = {name: module.state_dict() for name, module in policy.roles.items()}
-(run / f"weights-{PartialState().process_index}").write_bytes(pickle.dumps(weights))
+(folder / f"weights-{rank}").write_bytes(pickle.dumps(weights))
 """
+"""Each of several processes prepares demonstrations, and trains on given steps."""
+TEAM_SETTINGS = dataclasses.replace(SMALL, steps=4)
 
 
-def test_several_processes_average_their_gradients(prepared, model, tmp_path):
-    steps, _ = prepared
-    settings = dataclasses.replace(SMALL, steps=4)
-    (tmp_path / "given").write_bytes(pickle.dumps((settings, model.dim, steps)))
-    (tmp_path / "team.py").write_text(TEAM)
+@pytest.fixture(scope="module")
+def team(prepared, model, demo_set, tmp_path_factory):
+    """The folder in which two processes have run `TEAM`."""
+    folder = tmp_path_factory.mktemp("team")
+    (folder / "given").write_bytes(pickle.dumps((TEAM_SETTINGS, model.dim, prepared[0])))
+    (folder / "team.py").write_text(TEAM)
     # What `accelerate launch` calls on several GPUs; on CPUs it wants MPI.
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    subprocess.run([*launch, str(tmp_path / "team.py"), str(tmp_path)], check=True, capture_output=True, timeout=1800)
-    one, two = (pickle.loads((tmp_path / f"weights-{rank}").read_bytes()) for rank in (0, 1))
-    assert torch.load(tmp_path / "state.pt")["identity"]["processes"] == 2
-    alone = Policy(settings, types.SimpleNamespace(dim=model.dim), seed=3)
-    train.train(alone, steps, seed=3, run=tmp_path / "alone")
+    command = [*launch, str(folder / "team.py"), str(folder), str(demo_set[0])]
+    subprocess.run(command, check=True, capture_output=True, timeout=1800)
+    return folder
+
+
+def test_several_processes_average_their_gradients(team, prepared, model, tmp_path):
+    first, second = (pickle.loads((team / f"weights-{rank}").read_bytes()) for rank in (0, 1))
+    assert torch.load(team / "state.pt")["identity"]["processes"] == 2
+    alone = Policy(TEAM_SETTINGS, types.SimpleNamespace(dim=model.dim), seed=3)
+    train.train(alone, prepared[0], seed=3, run=tmp_path)
     for role, module in alone.roles.items():
-        assert all(torch.equal(one[role][name], two[role][name]) for name in one[role])
-        assert not all(torch.allclose(one[role][name], value) for name, value in module.state_dict().items())
+        assert all(torch.equal(first[role][name], second[role][name]) for name in first[role])
+        assert not all(torch.allclose(first[role][name], value) for name, value in module.state_dict().items())
+
+
+def test_of_several_processes_one_prepares(team, demo_set):
+    first, second = ((team / f"prepared-{rank}").read_text().split() for rank in (0, 1))
+    steps = sum(len(demo.steps) for demo in demo_set[1])
+    assert first[:2] == [str(steps), str(steps)]
+    assert second == ["0", *first[1:]]
 
 
 def run_main(capsys, *arguments):
@@ -281,34 +309,6 @@ def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypa
     assert len(prepared) == steps + 1, "the two steps before the stop are not prepared again"
     assert (tmp_path / "t.safetensors").exists()
     assert list((tmp_path / "run").iterdir()) == []
-
-
-SHARED = """
-import sys
-from pathlib import Path
-from accelerate import PartialState
-from gem_lite import clip, demonstrations
-from gem_lite.learning import train
-from gem_lite.policies import methods
-run, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
-method, settings = methods.find("transporter-lan")
-policy = method(settings, clip.load())
-honest, prepared = policy.embed, []
-policy.embed = lambda views: prepared.append(1) or honest(views)
-steps = train.prepared_steps(policy, demos, run)
-(run / f"found-{PartialState().process_index}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
-"""
-
-
-def test_of_several_processes_one_prepares(demo_set, tmp_path):
-    (tmp_path / "shared.py").write_text(SHARED)
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command = [*launch, str(tmp_path / "shared.py"), str(tmp_path), str(demo_set[0])]
-    subprocess.run(command, check=True, capture_output=True, timeout=1800)
-    one, two = ((tmp_path / f"found-{rank}").read_text().split() for rank in (0, 1))
-    steps = sum(len(demo.steps) for demo in demo_set[1])
-    assert one[:2] == [str(steps), str(steps)]
-    assert two == ["0", *one[1:]]
 
 
 def test_the_paper_configuration_starts_and_resumes_on_a_cpu(demo_set, tmp_path, monkeypatch, capsys):
