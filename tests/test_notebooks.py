@@ -160,6 +160,26 @@ def test_exercises_have_a_scaffold_a_hint_a_check_and_a_folded_solution(notebook
     assert prose(nb).count("<summary>Hint") >= len(kinds) // 3
 
 
+REFERENCE = re.compile(r"(?:[Nn]otebook|[Ll]esson) \[?(0\d)\]?(?:\([\w./]+\))?, sections? (\d+(?:(?:, | and )\d+)*)")
+
+
+def test_sections_that_are_named_are_there():
+    sections = {
+        path.name[:2]: set(re.findall(r"^## (\d+) · ", prose(nbformat.read(path, as_version=4)), re.M))
+        for path in NOTEBOOKS
+    }
+    root = NOTEBOOKS[0].parent.parent
+    pages = [*NOTEBOOKS, *root.glob("*.md"), *root.glob("docs/*.md")]
+    named = {
+        (page.name, lesson, section)
+        for page in pages
+        for lesson, several in REFERENCE.findall(page.read_text())
+        for section in re.findall(r"\d+", several)
+    }
+    assert len(named) > 20
+    assert sorted(entry for entry in named if entry[2] not in sections[entry[1]]) == []
+
+
 def pictures_of(nb):
     return [output for cell in code_cells(nb) for output in cell.outputs if "image/png" in output.get("data", {})]
 

@@ -1,14 +1,17 @@
 """The drawings of the learning lessons: what is drawn where, and that every panel is there."""
 
+import io
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
-from gem_lite.figures import plot_pick, plot_place, plot_results
+from gem_lite.figures import pictures, plot_pick, plot_place, plot_results
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap
@@ -179,3 +182,29 @@ def test_actions_and_closeups_show_every_panel():
     assert sum(bool(ax.images) for ax in fig.axes) >= 6 and [ax.get_title() for ax in fig.axes[:3]] == ["one"] * 3
     fig = plot_place.show_closeups([plot_place.CloseUp("two", heightmap, POSE, POSE)] * 2)
     assert [ax.get_title() for ax in fig.axes[:2]] == ["two"] * 2 and sum(bool(ax.images) for ax in fig.axes) >= 4
+
+
+def test_a_picture_has_its_text_and_its_figure_is_closed():
+    figure, _ = plt.subplots()
+    picture = pictures.described(figure, "an empty diagram")
+    assert picture._repr_png_()[1] == {"alt": "an empty diagram"}
+    assert not plt.fignum_exists(figure.number)
+    with pytest.raises(ValueError, match="text must say what to see"):
+        pictures.described(plt.figure(), " ")
+
+
+def test_a_moving_picture_keeps_its_frames():
+    frames = [np.full((20, 30, 3), value, np.uint8) for value in (0, 90, 255)]
+    picture = pictures.animated(frames, "it becomes bright", seconds=0.2)
+    film = Image.open(io.BytesIO(picture.data))
+    assert (film.n_frames, film.size, film.info["duration"]) == (3, (30, 20), 200)
+    shown = []
+    for number in range(3):
+        film.seek(number)
+        shown.append(int(np.asarray(film.convert("RGB")).mean()))
+    assert shown == [0, 90, 255]
+
+
+def test_frames_of_one_size_are_needed():
+    with pytest.raises(ValueError, match="two or more pictures of one size, got 2"):
+        pictures.animated([np.zeros((4, 4, 3), np.uint8), np.zeros((5, 4, 3), np.uint8)], "two sizes")
