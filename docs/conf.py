@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import tomllib
 from pathlib import Path
 
@@ -16,7 +17,16 @@ author = "gem_lite developers"
 release = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 root_doc = "docs/index"
 include_patterns = ["docs/*.md", "build/api/*.rst", "notebooks/*.ipynb", "data/*/README.md", "*.md"]
-extensions = ["myst_nb", "sphinx.ext.apidoc", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.apidoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx-mathjax-offline",
+]
+"""The last one brings MathJax into the site: the equations need no network."""
 
 nb_execution_mode = "off"
 myst_enable_extensions = ["amsmath", "dollarmath"]
@@ -31,17 +41,26 @@ napoleon_use_ivar = True
 
 html_theme = "sphinx_book_theme"
 html_title = "gem_lite"
-html_theme_options = {"show_toc_level": 1, "use_download_button": True}
+html_theme_options = {"show_toc_level": 1, "use_download_button": True, "navbar_persistent": []}
+html_static_path = ["static"]
+html_css_files = ["book.css"]
+FRAMES = b"acTL"
+"""Begins the frames of an animated PNG."""
 
 
 def setup(_: Sphinx) -> None:
-    """Give each picture of a notebook the alternative text of its output, which myst-nb leaves out."""
+    """Give each picture of a notebook the alternative text of its output, which myst-nb leaves out.
+
+    A moving picture stays inside the page: its slider reads it there, also when the page is opened from the disk.
+    """
     plain = NbElementRenderer.render_image
 
     def with_text(self: NbElementRenderer, data: MimeData) -> list[nodes.Element]:
         elements = plain(self, data)
         for element in elements:
             element["alt"] = data.output_metadata.get(data.mime_type, {}).get("alt", "")
+            if data.mime_type == "image/png" and FRAMES in base64.b64decode(data.string):
+                element["uri"] = f"data:image/png;base64,{''.join(data.string.split())}"
         return elements
 
     NbElementRenderer.render_image = with_text

@@ -196,13 +196,22 @@ def test_a_picture_has_its_text_and_its_figure_is_closed():
 def test_a_moving_picture_keeps_its_frames():
     frames = [np.full((20, 30, 3), value, np.uint8) for value in (0, 90, 255)]
     picture = pictures.animated(frames, "it becomes bright", seconds=0.2)
-    film = Image.open(io.BytesIO(picture.data))
+    film = Image.open(io.BytesIO(picture.image.data))
     assert (film.n_frames, film.size, film.info["duration"]) == (3, (30, 20), 200)
     shown = []
     for number in range(3):
         film.seek(number)
         shown.append(int(np.asarray(film.convert("RGB")).mean()))
     assert shown == [0, 90, 255]
+
+
+def test_a_moving_picture_comes_with_the_place_of_its_slider(monkeypatch):
+    shown = []
+    monkeypatch.setattr(pictures, "display", shown.append)
+    pictures.animated([np.zeros((4, 4, 3), np.uint8)] * 2, "two frames")._ipython_display_()
+    image, slider = shown
+    assert image._repr_png_()[1] == {"alt": "two frames"}
+    assert 'class="gem-slider"' in slider.data and "ImageDecoder" in slider.data
 
 
 def test_frames_of_one_size_are_needed():

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from IPython.display import Image
+from IPython.display import HTML, Image, display
 from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 COLORS = 96
 """How many colours the frames of a moving picture share. Fewer colours make a smaller file."""
+
+SLIDER = Path(__file__).with_name("slider.js")
+"""The script that puts a slider below a moving picture, where scripts run."""
+
+
+@dataclass(frozen=True)
+class MovingPicture:
+    """A picture that moves by itself. A slider below it chooses a frame in a live notebook and in the book."""
+
+    image: Image
+
+    def _ipython_display_(self) -> None:
+        display(self.image)
+        # An output of its own: where scripts are stripped, nothing of it is left, and the picture still moves.
+        display(HTML(f'<div class="gem-slider"></div>\n<script>\n{SLIDER.read_text()}</script>'))
 
 
 def described(figure: Figure, text: str) -> Image:
@@ -40,8 +57,10 @@ def frame(figure: Figure, dpi: int = 72) -> np.ndarray:
     return pixels
 
 
-def animated(frames: Sequence[np.ndarray], text: str, seconds: float = 0.15) -> Image:
+def animated(frames: Sequence[np.ndarray], text: str, seconds: float = 0.15) -> MovingPicture:
     """Frames as one moving picture with alternative text: an animated PNG, which every browser plays in a loop.
+
+    It must be the last expression of its cell.
 
     Args:
         frames: (H, W, 3) uint8 each, all of one size, at least two.
@@ -65,7 +84,7 @@ def animated(frames: Sequence[np.ndarray], text: str, seconds: float = 0.15) -> 
     pictures[0].save(
         content, "PNG", save_all=True, append_images=pictures[1:], duration=round(1000 * seconds), loop=0, optimize=True
     )
-    return Image(content.getvalue(), format="png", alt=text)
+    return MovingPicture(Image(content.getvalue(), format="png", alt=text))
 
 
 def _check(text: str) -> None:

@@ -18,9 +18,10 @@ FRAME_HEIGHT = 0.12
 
 
 def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
-    """A point cloud (N, 3) metres with colours (N, 3) uint8, and a red-green-blue frame at each named pose.
+    """A point cloud (N, 3) metres with colours (N, 3) uint8, and a frame of three arms at each named pose.
 
-    Red is the frame's x (the gripper's yaw), green its y; blue shows how the tool moves down to the table.
+    The orange arm is the frame's x (the gripper's yaw), the light blue one its y; the black one shows how the tool moves
+    down to the table.
     """
     with contextlib.redirect_stdout(io.StringIO()):
         scene = meshcat.Visualizer()
@@ -30,9 +31,9 @@ def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
         place = transformations.translation_matrix([pose.x, pose.y, FRAME_HEIGHT])
         place = place @ transformations.rotation_matrix(pose.yaw, [0, 0, 1])
         for axis, color, direction in (
-            ("x", 0xFF3030, [1, 0, 0]),
-            ("y", 0x30C030, [0, 1, 0]),
-            ("z", 0x3050FF, [0, 0, -1]),
+            ("x", 0xD55E00, [1, 0, 0]),
+            ("y", 0x56B4E9, [0, 1, 0]),
+            ("z", 0x202020, [0, 0, -1]),
         ):
             length = FRAME_HEIGHT if axis == "z" else 0.08
             node = scene[name][axis]
