@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import tomllib
 from pathlib import Path
 
@@ -48,7 +49,18 @@ FRAMES = b"acTL"
 """Begins the frames of an animated PNG."""
 
 
-def setup(_: Sphinx) -> None:
+def fold_solutions(_: Sphinx, docname: str, source: list[str]) -> None:
+    """Fold the code that is folded in the notebook, too: the solutions of the exercises. myst-nb does it by a tag."""
+    if not docname.startswith("notebooks/"):
+        return
+    notebook = json.loads(source[0])
+    for cell in notebook["cells"]:
+        if cell["metadata"].get("jupyter", {}).get("source_hidden"):
+            cell["metadata"].setdefault("tags", []).append("hide-input")
+    source[0] = json.dumps(notebook)
+
+
+def show_texts_of_pictures() -> None:
     """Give each picture of a notebook the alternative text of its output, which myst-nb leaves out.
 
     A moving picture stays inside the page: its slider reads it there, also when the page is opened from the disk.
@@ -64,3 +76,9 @@ def setup(_: Sphinx) -> None:
         return elements
 
     NbElementRenderer.render_image = with_text
+
+
+def setup(app: Sphinx) -> None:
+    """What Sphinx calls first."""
+    app.connect("source-read", fold_solutions)
+    show_texts_of_pictures()

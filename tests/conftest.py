@@ -1,5 +1,6 @@
 """Fixtures that several test modules share. Nothing here may reach the network or the user's caches."""
 
+import copy
 import os
 import sys
 import tempfile
@@ -11,6 +12,7 @@ os.environ["XDG_CACHE_HOME"] = _CACHE.name
 os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
+from nbval.plugin import IPyNbCell  # noqa: E402
 
 from gem_lite import registry  # noqa: E402
 from gem_lite.learning import collecting  # noqa: E402
@@ -88,3 +90,23 @@ def demo_set(tmp_path_factory):
     """(folder, demonstrations): two saved expert episodes. Copy the folder before damaging it."""
     folder = tmp_path_factory.mktemp("demos") / "bowl-2"
     return folder, list(collecting.collect("put-block-in-bowl-seen-colors", 2, folder))
+
+
+TRAINS_LIVE = {"02", "05", "06", "07", "08"}
+"""The lessons that train before the reader's eyes. A second run of them would take minutes."""
+
+
+def pytest_collection_modifyitems(items):
+    """The other lessons run twice in one kernel, as with *Run All* twice: a second item for each of their cells."""
+    again = {}
+    for item in items:
+        if isinstance(item, IPyNbCell) and item.path.name[:2] not in TRAINS_LIVE:
+            name = item.name.replace("Cell", "Second run, cell")
+            cell = copy.deepcopy(item.cell)  # nbval joins the stored outputs of a cell in place
+            second = IPyNbCell.from_parent(
+                item.parent, name=name, cell_num=item.cell_num, cell=cell, options=item.options
+            )
+            again.setdefault(item.parent, []).append(second)
+    for lesson, second_run in again.items():
+        last = max(i for i, item in enumerate(items) if item.parent is lesson)
+        items[last + 1 : last + 1] = second_run

@@ -20,8 +20,8 @@ FRAME_HEIGHT = 0.12
 def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
     """A point cloud (N, 3) metres with colours (N, 3) uint8, and a frame of three arms at each named pose.
 
-    The orange arm is the frame's x (the gripper's yaw), the light blue one its y; the black one shows how the tool moves
-    down to the table.
+    The orange arm is the frame's x (the gripper's yaw), the light blue one its y. The black one shows how the tool
+    moves down to the table.
     """
     with contextlib.redirect_stdout(io.StringIO()):
         scene = meshcat.Visualizer()
