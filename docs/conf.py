@@ -43,6 +43,7 @@ napoleon_use_ivar = True
 html_theme = "sphinx_book_theme"
 html_title = "gem_lite"
 html_theme_options = {"show_toc_level": 1, "use_download_button": True, "navbar_persistent": []}
+html_context = {"default_mode": "auto"}
 html_static_path = ["static"]
 html_css_files = ["book.css"]
 FRAMES = b"acTL"
