@@ -24,8 +24,22 @@ def draw_seams(ax: Axes, count: int, width: int) -> None:
         ax.axvline(seam * width - 0.5, color="white", lw=1.5)
 
 
+def draw_zoom(ax: Axes, picture: np.ndarray, row: float, col: float, reach: int = 8) -> None:
+    """The surroundings of a pixel, enlarged, in the corner of a map that is farthest from it."""
+    height, width = picture.shape
+    corner = (0.03 if col > width / 2 else 0.52, 0.03 if row < height / 2 else 0.52, 0.45, 0.45)
+    zoom = bare(ax.inset_axes(corner))
+    zoom.imshow(picture, cmap="viridis", interpolation="nearest")
+    zoom.set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach))
+    for side in zoom.spines.values():
+        side.set(color="white", lw=1.2)
+
+
 def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
-    """The tables and the stitched action maps of pick and place: one scale, one best action over all tables."""
+    """The tables and the stitched action maps of pick and place: one scale, one best action over all tables.
+
+    Each action map has the surroundings of its best cell once more, enlarged.
+    """
     workspace = choice.heightmaps[0].workspace
     count = len(choice.heightmaps)
     width = workspace.shape[1]
@@ -49,6 +63,7 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         action_image = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
         ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
+        draw_zoom(ax, stitched, row, col)
         fig.colorbar(
             semantic_image, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match"
         )
@@ -132,6 +147,7 @@ def draw_wrong_pose(
     workspace = heightmap.workspace
     fig, axes = plt.subplots(1, 2, figsize=(7.0, 3.0), width_ratios=(1, 1.6), layout="constrained")
     bare(axes[0], f"{centimetres} cm {axis} the table: {word}").imshow(heightmap.rgb)
+    axes[0].text(workspace.shape[1] + 1, workspace.to_pixel(pick.x, pick.y)[0], "beyond the map", rotation=90, va="center")
     row, col = workspace.to_pixel(pick.x, pick.y)
     draw_gripper(axes[0], Pose2(pick.x + error.x, pick.y + error.y, pick.yaw), workspace, PICK_COLOR)
     reach = 0.12 / workspace.pixel
@@ -140,8 +156,11 @@ def draw_wrong_pose(
     for name, scores in lines.items():
         sizes = sorted(scores)
         _draw_scores(axes[1], np.array(sizes), [scores[size] for size in sizes], "o-", name)
-    axes[1].axvline(centimetres, color="black", lw=1.5, ls="--")
-    axes[1].set(xlabel=label, ylabel="success (0-100)", xlim=(-0.2, 5.2))
+    largest = max(max(scores) for scores in lines.values())
+    if centimetres <= largest:
+        axes[1].axvline(centimetres, color="black", lw=1.5, ls="--")
+    axes[1].set(xlabel=label, ylabel="success (0-100)", xlim=(-0.2, largest + 0.2))
+    axes[1].set_title("stored: an earlier policy, random directions", fontsize=9)
     axes[1].legend(fontsize=8, loc="lower left")
     return fig
 

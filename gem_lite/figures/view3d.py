@@ -16,6 +16,9 @@ from gem_lite.se2 import Pose2
 FRAME_HEIGHT = 0.12
 """Height (m) of the frames above the table, so that no object hides them."""
 
+CAMERA = [0.36, 0.46, 0.0]
+"""Where the scene is looked at from, relative to the table's middle (m): x, up, -y."""
+
 
 def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> meshcat.Visualizer:
     """A point cloud (N, 3) metres with colours (N, 3) uint8, and a frame of three arms at each named pose.
@@ -26,7 +29,7 @@ def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
     with contextlib.redirect_stdout(io.StringIO()):
         scene = meshcat.Visualizer()
     colors = (rgb.T / 255).astype(np.float32)
-    scene["cloud"].set_object(geometry.PointCloud(points.T.astype(np.float32), colors, size=0.006))
+    scene["table"]["cloud"].set_object(geometry.PointCloud(points.T.astype(np.float32), colors, size=0.006))
     for name, pose in frames.items():
         place = transformations.translation_matrix([pose.x, pose.y, FRAME_HEIGHT])
         place = place @ transformations.rotation_matrix(pose.yaw, [0, 0, 1])
@@ -36,14 +39,16 @@ def build_scene(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -
             ("z", 0x202020, [0, 0, -1]),
         ):
             length = FRAME_HEIGHT if axis == "z" else 0.08
-            node = scene[name][axis]
+            node = scene["table"][name][axis]
             node.set_object(geometry.Cylinder(length, 0.004), geometry.MeshLambertMaterial(color=color))
             # meshcat's cylinders lie along y.
             turn = transformations.rotation_matrix(*_turn_y_to(np.array(direction, float)))
             shift = transformations.translation_matrix(np.array(direction) * length / 2)
             node.set_transform(place @ shift @ turn)
-    scene["/Cameras/default"].set_transform(transformations.translation_matrix([0.5, 0, 0]))
-    scene["/Cameras/default/rotated/<object>"].set_property("position", [0.5, 0.5, 0.0])
+    # meshcat's camera looks at the origin, so the middle of the points goes there.
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    scene["table"].set_transform(transformations.translation_matrix([-middle[0], -middle[1], 0]))
+    scene["/Cameras/default/rotated/<object>"].set_property("position", CAMERA)
     scene["/Background"].set_property("top_color", [1, 1, 1])
     scene["/Background"].set_property("bottom_color", [0.85, 0.87, 0.9])
     for helper in ("/Grid", "/Axes"):
