@@ -147,8 +147,8 @@ def draw_wrong_pose(
     workspace = heightmap.workspace
     fig, axes = plt.subplots(1, 2, figsize=(7.0, 3.0), width_ratios=(1, 1.6), layout="constrained")
     bare(axes[0], f"{centimetres} cm {axis} the table: {word}").imshow(heightmap.rgb)
-    axes[0].text(workspace.shape[1] + 1, workspace.to_pixel(pick.x, pick.y)[0], "beyond the map", rotation=90, va="center")
     row, col = workspace.to_pixel(pick.x, pick.y)
+    axes[0].text(workspace.shape[1] + 1, row, "beyond the map", rotation=90, va="center")
     draw_gripper(axes[0], Pose2(pick.x + error.x, pick.y + error.y, pick.yaw), workspace, PICK_COLOR)
     reach = 0.12 / workspace.pixel
     axes[0].set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach))
