@@ -18,6 +18,8 @@ from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72
 """The resolution of pictures with many maps: smooth colours make large files."""
+CLOSE_UP = 11.0
+"""Half the side (pixels) of the square in which `show_peak_rule` looks at a pick from near."""
 
 
 def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Figure:
@@ -158,29 +160,45 @@ def show_grasps(
 def show_peak_rule(
     cases: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, Pose2, Pose2]], workspace: Workspace
 ) -> Figure:
-    """What `gem.near_peak` changes: the scene and the semantic map around two picks, the allowed cells outlined.
+    """What `gem.near_peak` changes, a row for each case: scene and semantic map, whole and from near.
+
+    The allowed cells are outlined on the maps. The square that is seen from near lies about the pick with the rule.
 
     Args:
         cases: title, picture (H, W, 3), map (H, W), allowed cells (H, W) bool, and the picks without and with the rule.
     """
-    fig, axes = plt.subplots(
-        2, len(cases), figsize=(2.6 * len(cases), 6.2), squeeze=False, layout="constrained", dpi=DPI
-    )
-    for (above, below), (title, picture, semantic, allowed, without, with_rule) in zip(axes.T, cases, strict=True):
-        bare(above, title).imshow(picture)
-        _small_bar(bare(below), below.imshow(semantic, cmap="inferno", vmin=0, vmax=1))
-        below.contour(allowed, levels=[0.5], colors="white", linewidths=1.2)
-        spots = np.array([workspace.to_pixel(pose.x, pose.y) for pose in (without, with_rule)])
-        middle = spots.mean(axis=0)
-        reach = max(16.0, np.ptp(spots, axis=0).max() / 2 + 8)
-        for ax in (above, below):
-            for (row, col), marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
-                ax.plot(col, row, marker, ms=11, mfc="none", mec="black", mew=4)
-                ax.plot(col, row, marker, ms=11, mfc="none", mec=PICK_COLOR, mew=1.8, label=label)
-            ax.set(xlim=(middle[1] - reach, middle[1] + reach), ylim=(middle[0] + reach, middle[0] - reach))
-            ax.set_facecolor("0.7")
-    axes[0, 0].legend(fontsize=8, loc="lower left", facecolor="0.4", labelcolor="white")
-    axes[1, 0].set_ylabel("map; outlined: allowed", fontsize=9)
+    fig = plt.figure(figsize=(7.8, 3.2 * len(cases)), layout="constrained", dpi=DPI)
+    rows = fig.subfigures(len(cases), 1, squeeze=False)[:, 0]
+    # Quarters of cells, so that an outline has the corners of the cells.
+    quarters = [np.arange(4 * side) / 4 - 0.375 for side in workspace.shape]
+    for row_fig, (title, picture, semantic, allowed, without, with_rule) in zip(rows, cases, strict=True):
+        row_fig.suptitle(title, fontsize=10)
+        axes = row_fig.subplots(1, 4, width_ratios=[1, 1, 1.9, 1.9])
+        spots = [workspace.to_pixel(pose.x, pose.y) for pose in (without, with_rule)]
+        (row, col), reach = spots[1], CLOSE_UP
+        for i, ax in enumerate(axes):
+            if i % 2:
+                image = bare(ax).imshow(semantic, cmap="inferno", vmin=0, vmax=1)
+                fine = np.kron(allowed, np.ones((4, 4)))
+                ax.contour(*quarters[::-1], fine, levels=[0.5], colors="white", linewidths=1)
+            else:
+                bare(ax).imshow(picture)
+            for spot, marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
+                size = 6 if i < 2 else 9
+                ax.plot(*spot[::-1], marker, ms=size, mfc="none", mec="black", mew=3.5)
+                ax.plot(*spot[::-1], marker, ms=size, mfc="none", mec=PICK_COLOR, mew=1.6, label=label)
+            if i < 2:
+                corner, side = (col - reach, row - reach), 2 * reach
+                ax.add_patch(plt.Rectangle(corner, side, side, fill=False, ec="0.8", lw=0.8))
+                corners = np.array([(0, 0), np.array(workspace.shape) - 1, *spots])  # a pick may lie off the table
+                (top, left), (bottom, right) = corners.min(axis=0) - 0.5, corners.max(axis=0) + 0.5
+                ax.set(xlim=(left, right), ylim=(bottom, top))
+            else:
+                ax.set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach), facecolor="0.7")
+        for ax, name in zip(axes, ("scene", "map", "the square, scene", "the square, map"), strict=True):
+            ax.set_title(name, fontsize=9)
+        row_fig.colorbar(image, ax=axes[3], shrink=0.7)
+    rows[0].axes[0].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.02))
     return fig
 
 
@@ -198,4 +216,6 @@ def _small_bar(ax: Axes, image: AxesImage) -> Axes:
     bar = ax.figure.colorbar(image, ax=ax, location="bottom", shrink=0.85)
     bar.ax.tick_params(labelsize=7)
     bar.ax.locator_params(nbins=3)
+    bar.ax.ticklabel_format(axis="x", style="sci", scilimits=(-2, 3))  # no long numbers: they would overlap
+    bar.ax.xaxis.get_offset_text().set_fontsize(7)
     return bar.ax
