@@ -14,6 +14,7 @@ from matplotlib.patches import FancyBboxPatch
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
 from gem_lite.figures.plots import (
+    LEAST_LOGIT,
     MAP_COLORS,
     OUTLINE,
     PICK_COLOR,
@@ -21,10 +22,10 @@ from gem_lite.figures.plots import (
     SAFE_COLORS,
     action_map,
     bare,
-    draw_gripper,
 )
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import Sample, to_picture
+from gem_lite.se2 import Pose2, Workspace, rotation_matrix
 
 METHOD_NAMES = {
     "gem": "GEM",
@@ -103,8 +104,8 @@ def readable(name: str) -> str:
 
 
 def show_boxes() -> Figure:
-    """Every method of `BOXES` as a row: inputs, networks, kernel, scores. Grey boxes come from the frozen CLIP."""
-    fig, axes = plt.subplots(len(BOXES), 1, figsize=(10.6, 7.2), layout="constrained")
+    """Every method of `BOXES` as a group of rows: inputs, networks, kernel, scores. Grey is of the frozen CLIP."""
+    fig, axes = plt.subplots(len(BOXES), 1, figsize=(10.6, 7.6), layout="constrained")
     for ax, (name, (inputs, networks, kernel)) in zip(axes, BOXES.items(), strict=True):
         color = METHOD_COLORS[name]
         bare(ax).set(xlim=(-0.5, 3.5), ylim=(2.5, -0.5))
@@ -122,12 +123,23 @@ def show_boxes() -> Figure:
         ax.text(2.0, 0.86, "features", ha="center", fontsize=8)
         _arrow(ax, (2.42, 2), (2.75, 1.42))
         ax.text(2.72, 1.95, "correlate" + ("" if name == "GEM" else " (place)"), fontsize=8)
-        if any(line == 0 for _, line, _ in networks):
-            up = name == "CLIPort"
-            _arrow(ax, (1.0, 0.64 if up else 0.36), (1.0, 0.36 if up else 0.64))
-            ax.text(1.05, 0.5, "every level joins; outputs are summed" if up else "times", fontsize=8, va="center")
+        if all(line > 0 for _, line, _ in networks):
+            ax.text(0, 0, "no picture features of CLIP", fontsize=8, fontstyle="italic", ha="center", va="center")
+        elif name == "CLIPort":
+            _arrow(ax, (1.0, 0.64), (1.0, 0.36))
+            ax.text(1.05, 0.5, "joins at every level", fontsize=8, va="center")
+            _arrow(ax, (1.42, 0), (2.58, 0.76))
+            ax.text(1.75, 0.12, "features of both streams: their sum", fontsize=8)
+        else:
+            _arrow(ax, (1.0, 0.36), (1.0, 0.64))
+            ax.text(1.05, 0.5, "times", fontsize=8, va="center")
     for column, title in enumerate(("inputs", "networks", "kernel", "scores")):
         axes[0].text(column, -0.72, title, ha="center", fontsize=10, fontstyle="italic")
+    legend = (
+        "filled with colour: learned    grey: a picture or map of the frozen CLIP    "
+        "white: another input, a kernel or the result    words: CLIP's embedding of the phrase, frozen"
+    )
+    fig.supxlabel(legend, fontsize=8)
     return fig
 
 
@@ -284,7 +296,11 @@ def show_worlds(panels: dict[str, dict[str, dict[str, Score]]], title: str = "",
 
 
 def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> Figure:
-    """A gallery: the scene with both grippers beside the action maps of pick and place, the reason underneath."""
+    """A gallery: the scene with pick and place beside both action maps, the reason underneath.
+
+    A ring marks the pick, a square the place; the line at each points along the tool's yaw. Action maps lie over a
+    dim picture of the scene, and only where a score is less than 20 below the best.
+    """
     rows = -(-len(failures) // columns)
     fig = plt.figure(figsize=(3.1 * columns, 2.7 * rows), layout="constrained")
     parts = fig.subfigures(rows, columns, squeeze=False).flat
@@ -293,13 +309,25 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> 
         choice = failure.choice
         workspace = choice.heightmap.workspace
         trio[0].imshow(choice.heightmap.rgb)
-        draw_gripper(trio[0], choice.action.pick, workspace, PICK_COLOR)
-        draw_gripper(trio[0], choice.action.place, workspace, PLACE_COLOR)
+        _ring(trio[0], choice.action.pick, workspace, PICK_COLOR, "o")
+        _ring(trio[0], choice.action.place, workspace, PLACE_COLOR, "s")
         trio[0].set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
+        dim = np.repeat(choice.heightmap.rgb.mean(axis=2, keepdims=True) / 400, 3, axis=2)
         for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
-            ax.imshow(action_map(logits), cmap=MAP_COLORS)
+            scores = action_map(logits)
+            ax.imshow(dim)
+            ax.imshow(scores, cmap=MAP_COLORS, vmin=LEAST_LOGIT, vmax=0, alpha=(scores > LEAST_LOGIT).astype(float))
         for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
             bare(ax, name)
         caption = [title, f'"{choice.instruction}"', *textwrap.wrap(failure.reason, 52)]
         part.supxlabel("\n".join(caption), x=0.02, ha="left", fontsize=7.5)
     return fig
+
+
+def _ring(ax: Axes, pose: Pose2, workspace: Workspace, color: str, mark: str) -> None:
+    """An open mark around a pose, so that the thing inside stays visible, with a short line along the yaw."""
+    row, col = workspace.to_pixel(pose.x, pose.y)
+    drow, dcol = rotation_matrix(pose.yaw) @ np.array([0.0, 1.0])
+    line = np.array([7.0, 13.0])
+    ax.plot(col, row, mark, ms=11, mfc="none", mec=color, mew=1.4, path_effects=OUTLINE)
+    ax.plot(col + line * dcol, row + line * drow, color=color, lw=1.4, path_effects=OUTLINE)
