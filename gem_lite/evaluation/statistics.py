@@ -162,9 +162,10 @@ class Difference:
 def paired_difference(first: ArrayLike, second: ArrayLike) -> Difference:
     """The mean of ``first`` minus ``second`` with its 95 % interval.
 
-    This is sharper than comparing two intervals, since a hard episode is hard for both methods. The interval is that of
-    `mean_and_interval`: `bounded_interval` over the episodes' differences, which lie in [-1, 1], widened by
-    the seeds' (`seed_half_width`). The seeds of two methods are not paired.
+    Where both methods fail in the same episodes, this interval is narrower than that of two separate samples. Where
+    they do not, pairing gains nothing. The interval is that of `mean_and_interval`: `bounded_interval` over the
+    episodes' differences, which lie in [-1, 1], widened by the seeds' (`seed_half_width`). The seeds of two methods
+    are not paired.
 
     Args:
         first, second: rewards in [0, 1], (episodes,) or (training seeds, episodes), of the same episodes in the
