@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from gem_lite.figures.plots import OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
 from gem_lite.rgbd.heightmap import HeightMap
@@ -14,6 +16,8 @@ from gem_lite.se2 import Pose2
 
 POLE = 0.15
 """Height (m) of the marks that stand at a pose in a point cloud."""
+THING_COLORS = ListedColormap(["#303030", "#f25555", "white"])
+"""The table, a thing on it, and what no camera saw of the thing."""
 
 
 def _moved(pose: Pose2, points: np.ndarray) -> np.ndarray:
@@ -23,19 +27,22 @@ def _moved(pose: Pose2, points: np.ndarray) -> np.ndarray:
 
 
 def show_motions(
-    panels: Sequence[tuple[str, Pose2, Pose2, Pose2]], outline: np.ndarray, centre: Pose2, half: float
+    panels: Sequence[tuple[str, Sequence[Pose2]]], outline: np.ndarray, centre: Pose2, half: float
 ) -> Figure:
     """A body before and after each pick and place, with both poses of the gripper, on axes in metres.
 
     Args:
-        panels: title, pick, place, and the body's pose before. The body is drawn after the motion place pick^-1, too.
+        panels: title, and the poses of the pick, the place, the body before, its goal, and a distractor. The body is
+            drawn after the motion place pick^-1, too.
         outline: (N, 2) metres, the body's outline in its own frame.
         centre, half: each panel shows the square of 2 ``half`` metres about this position.
     """
     fig, axes = plt.subplots(
-        1, len(panels), figsize=(2.6 * len(panels), 3.3), sharey=True, squeeze=False, layout="constrained"
+        1, len(panels), figsize=(2.6 * len(panels), 3.6), sharey=True, squeeze=False, layout="constrained"
     )
-    for ax, (title, pick, place, body) in zip(axes[0], panels, strict=True):
+    for ax, (title, (pick, place, body, goal, other)) in zip(axes[0], panels, strict=True):
+        ax.plot(*_moved(goal, 1.3 * np.concatenate([outline, outline[:1]])).T, ":", color="black", lw=1.4, label="goal")
+        ax.add_patch(Circle((other.x, other.y), 0.022, facecolor=SAFE_COLORS[2], edgecolor="black", label="distractor"))
         for pose, gripper, color, line in (
             (body, pick, PICK_COLOR, "-"),
             (place @ pick.inverse() @ body, place, PLACE_COLOR, "--"),
@@ -53,7 +60,7 @@ def show_motions(
         ax.set_title(title, fontsize=9)
         ax.grid(alpha=0.3)
     axes[0, 0].set_ylabel("y (m)")
-    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return fig
 
 
@@ -135,10 +142,11 @@ def show_slice(
 
 
 def show_moved(rows: Sequence[tuple[str, np.ndarray, np.ndarray, str]]) -> Figure:
-    """For each kind of picture: the picture (H, W, 3), and beside it the thing brought back (h, w) bool.
+    """For each kind of picture: the picture (H, W, 3), and beside it the thing brought back (h, w).
 
     Args:
-        rows: name of the picture, the picture, the thing shifted to the middle and turned back, and a text about it.
+        rows: name of the picture, the picture, the thing shifted to the middle and turned back (0 table, 1 thing,
+            2 unseen), and a text about it.
     """
     widths = [ratio for _, picture, _, _ in rows for ratio in (picture.shape[1] / picture.shape[0], 1)]
     fig, axes = plt.subplots(
@@ -146,13 +154,13 @@ def show_moved(rows: Sequence[tuple[str, np.ndarray, np.ndarray, str]]) -> Figur
     )
     for left, right, (name, picture, thing, text) in zip(axes[::2], axes[1::2], rows, strict=True):
         bare(left, name).imshow(picture)
-        bare(right, "brought back").imshow(thing, cmap="gray_r", vmin=0, vmax=1)
+        bare(right, "brought back").imshow(thing, cmap=THING_COLORS, vmin=0, vmax=2)
         right.set_xlabel(text, fontsize=9)
     return fig
 
 
 def show_cell_size(heightmap: HeightMap, window: tuple[float, float, float, float]) -> Figure:
-    """A height map's colours; a part of it, larger; and the cells that a camera saw.
+    """A height map's colours; a part of it, larger; and the map with the cells that no camera saw in white.
 
     Args:
         window: (x_min, x_max, y_min, y_max) of the part, in metres.
@@ -161,13 +169,15 @@ def show_cell_size(heightmap: HeightMap, window: tuple[float, float, float, floa
     fig, axes = plt.subplots(1, 3, figsize=(6.6, 3.6), width_ratios=[1, 1.75, 1], layout="constrained")
     extent = (w.x_min, w.x_max, w.y_min, w.y_max)
     x0, x1, y0, y1 = window
-    for ax, title in zip(axes, ("colour", "the part in the frame", f"seen: {heightmap.seen.mean():.1%}"), strict=True):
-        bare(ax, title)
+    title = f"{heightmap.seen.mean():.1%} seen\n(white: unseen)"
+    for ax, name in zip(axes, ("colour", "the part in the frame", title), strict=True):
+        bare(ax, name)
     axes[0].imshow(heightmap.rgb, extent=extent, interpolation="nearest")
     axes[0].plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], color="white", lw=1.2)
     axes[1].imshow(heightmap.rgb, extent=extent, interpolation="nearest")
     axes[1].set(xlim=(x0, x1), ylim=(y0, y1))
-    axes[2].imshow(heightmap.seen, extent=extent, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+    seen = np.where(heightmap.seen[..., None], heightmap.rgb, 255)
+    axes[2].imshow(seen, extent=extent, interpolation="nearest")
     rows, cols = w.shape
     fig.suptitle(f"cells of {1000 * w.pixel:g} mm: {rows} x {cols}", fontsize=10)
     return fig
