@@ -18,6 +18,9 @@ from gem_lite.policies.samples import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
+DIMMED = 0.65
+"""A table below grippers is drawn at this part of its brightness, so that the grippers stand out from its bodies."""
+
 
 @dataclass(frozen=True)
 class ActionColumn:
@@ -110,9 +113,9 @@ def show_correlation(
 
 
 def _draw_action(ax: Axes, column: ActionColumn) -> None:
-    """A titled table from above with the grippers of an action."""
+    """A titled table from above, `DIMMED`, with the grippers of an action."""
     w = column.heightmap.workspace
-    bare(ax, column.title).imshow(column.heightmap.rgb)
+    bare(ax, column.title).imshow(DIMMED * column.heightmap.rgb / 255)
     draw_gripper(ax, column.action.pick, w, PICK_COLOR, "pick")
     draw_gripper(ax, column.action.place, w, PLACE_COLOR, "place")
     ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
