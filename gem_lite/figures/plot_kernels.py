@@ -210,11 +210,11 @@ def show_reading(
         signals: for each pixel (row, col) the scores (n,) above it. The pixel is marked in the scene.
         degrees: the angle at which kernel and scores are read.
     """
-    room = {"left": 0.01, "right": 0.99, "bottom": 0.2, "top": 0.88, "wspace": 0.12}
+    room = {"left": 0.01, "right": 0.95, "bottom": 0.2, "top": 0.88, "wspace": 0.12}
     fig, axes = plt.subplots(1, 4, figsize=(9.6, 2.6), width_ratios=[0.6, 1, 1, 1.4], gridspec_kw=room)
     highest = float(kernel.abs().max())
     top = max(float(values.max()) for values in signals.values())
-    bare(axes[0], f"read at {degrees:.0f}°").imshow(kernel, cmap=SIGNED, vmin=-highest, vmax=highest)
+    bare(axes[0], f"kernel at {degrees:.0f}°").imshow(kernel, cmap=SIGNED, vmin=-highest, vmax=highest)
     bare(axes[1], "the scene").imshow(scene, cmap=SIGNED, vmin=-highest, vmax=highest)
     bare(axes[2], f"scores at {degrees:.0f}°").imshow(scores, cmap="viridis", vmin=0.6 * top, vmax=top)
     for i, ((row, col), values) in enumerate(signals.items()):
@@ -224,7 +224,8 @@ def show_reading(
         axes[3].plot([*angles, 360], [*values, values[0]], color=f"C{i}")
         axes[3].plot(degrees, np.interp(degrees, angles, values), mark, color=f"C{i}")
     axes[3].axvline(degrees, color="0.7", lw=1)
-    axes[3].set(xlim=(-8, 368), xticks=[0, 90, 180, 270, 360], xlabel=r"angle $\theta$ (degrees)", yticks=[])
+    axes[3].set(xlim=(-8, 368), xticks=[0, 90, 180, 270, 360], xlabel=r"angle $\theta$ (degrees)")
+    axes[3].yaxis.tick_right()
     axes[3].set_title("scores above the two marks", fontsize=9)
     return fig
 
