@@ -36,10 +36,7 @@ from gem_lite.steerable.correlation import correlate_coefficients
 
 
 def disc(size: int) -> torch.Tensor:
-    """(size, size) bool: the pixels less than (size + 1) / 2 from the centre.
-
-    It is the largest disc of which every rotation keeps all pixels inside the square.
-    """
+    """(size, size) bool: the pixels less than (size + 1) / 2 from the centre. The `harmonics` are 0 at this distance."""
     offset = torch.arange(size) - (size - 1) / 2
     return torch.hypot(offset[:, None], offset[None, :]) < (size + 1) / 2 - 1e-9
 
