@@ -36,7 +36,7 @@ from gem_lite.steerable.correlation import correlate_coefficients
 
 
 def disc(size: int) -> torch.Tensor:
-    """(size, size) bool: the pixels less than (size + 1) / 2 from the centre. The `harmonics` are 0 at this distance."""
+    """(size, size) bool: the pixels less than (size + 1) / 2 from the centre, where the `harmonics` are 0."""
     offset = torch.arange(size) - (size - 1) / 2
     return torch.hypot(offset[:, None], offset[None, :]) < (size + 1) / 2 - 1e-9
 
