@@ -194,6 +194,13 @@ def test_something_moves(notebook):
     assert any(b"acTL" in base64.b64decode(picture.data["image/png"]) for picture in pictures_of(notebook[1]))
 
 
+def test_what_moves_has_a_slider(notebook):
+    for cell in code_cells(notebook[1]):
+        films = [o for o in cell.outputs if b"acTL" in base64.b64decode(o.get("data", {}).get("image/png", ""))]
+        sliders = [o for o in cell.outputs if "gem-slider" in o.get("data", {}).get("text/html", "")]
+        assert len(films) == len(sliders), cell.source
+
+
 def bound(source):
     """The names that a cell binds outside of its functions and loops: assignments, functions and classes."""
     for node in ast.parse(source).body:
