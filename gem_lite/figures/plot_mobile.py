@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.evaluation.results import Score
-from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper, draw_zoom
 from gem_lite.policies.several_tables import MobileChoice, stitch
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
@@ -22,17 +22,6 @@ def draw_seams(ax: Axes, count: int, width: int) -> None:
     """A white line between neighbouring tables of a stitched picture."""
     for seam in range(1, count):
         ax.axvline(seam * width - 0.5, color="white", lw=1.5)
-
-
-def draw_zoom(ax: Axes, picture: np.ndarray, row: float, col: float, reach: int = 8) -> None:
-    """The surroundings of a pixel, enlarged, in the corner of a map that is farthest from it."""
-    height, width = picture.shape
-    corner = (0.03 if col > width / 2 else 0.52, 0.03 if row < height / 2 else 0.52, 0.45, 0.45)
-    zoom = bare(ax.inset_axes(corner))
-    zoom.imshow(picture, cmap="viridis", interpolation="nearest")
-    zoom.set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach))
-    for side in zoom.spines.values():
-        side.set(color="white", lw=1.2)
 
 
 def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
@@ -63,7 +52,9 @@ def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
         action_image = ax.imshow(stitched, cmap="viridis", interpolation="nearest")
         row, col = workspace.to_pixel(shifted.x, shifted.y)
         ax.plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
-        draw_zoom(ax, stitched, row, col)
+        # The enlarged part stands in the corner that is farthest from the best cell.
+        left, bottom = (0.03 if far else 0.52 for far in (col > count * width / 2, row < workspace.shape[0] / 2))
+        draw_zoom(ax, stitched, row, col, (left, bottom, 0.45, 0.45))
         fig.colorbar(
             semantic_image, bars[1 + 2 * number], orientation="horizontal", label="0: typical cell, 1: typical match"
         )

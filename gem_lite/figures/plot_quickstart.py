@@ -23,6 +23,7 @@ from gem_lite.figures.plots import (
     action_map,
     bare,
     draw_gripper,
+    draw_zoom,
 )
 from gem_lite.policies.gem import Decision
 from gem_lite.rgbd.camera import Camera
@@ -51,7 +52,7 @@ def show_lead(logits: np.ndarray, things: Sequence[tuple[str, float, float]]) ->
     for ax, title, values in zip(axes, ("all logits", "cut at 20 below"), (full, action_map(logits)), strict=False):
         fig.colorbar(bare(ax, title).imshow(values, cmap="viridis"), ax=ax, label="logit - best logit")
     row, col = divmod(int(full.argmax()), full.shape[1])
-    _zoom(axes[1], action_map(logits), row, col)
+    draw_zoom(axes[1], action_map(logits), row, col, _box_beside(row, len(full)))
     ax = axes[2]
     for i, (_, lead, value) in enumerate(things):
         ax.plot([lead, 0], [i, i], color="0.75", lw=1.5, zorder=1)
@@ -66,14 +67,9 @@ def show_lead(logits: np.ndarray, things: Sequence[tuple[str, float, float]]) ->
     return fig
 
 
-def _zoom(ax: Axes, values: np.ndarray, row: int, col: int, reach: int = 8) -> None:
-    """The cells around (row, col) of an action map (H, W), enlarged, in the half of the panel that does not hold it."""
-    inset = ax.inset_axes((0.06, 0.05 if row < len(values) / 2 else 0.52, 0.88, 0.44))
-    bare(inset).imshow(values, cmap="viridis", vmin=LEAST_LOGIT, vmax=0)
-    inset.set(xlim=(col - reach - 0.5, col + reach + 0.5), ylim=(row + reach + 0.5, row - reach - 0.5))
-    for edge in inset.spines.values():
-        edge.set_color(LIGHT)
-    ax.indicate_inset_zoom(inset, edgecolor=LIGHT, alpha=0.8)
+def _box_beside(row: int, height: int) -> tuple[float, float, float, float]:
+    """The half of a panel of ``height`` rows that does not hold ``row``, for `plots.draw_zoom`."""
+    return (0.06, 0.05 if row < height / 2 else 0.52, 0.88, 0.44)
 
 
 def show_answers(
@@ -207,7 +203,7 @@ def show_moment(decision: Decision, above: np.ndarray, stage: int, caption: str)
     if stage in (2, 4, 5):
         axes[2].imshow(action_map(logits), cmap="viridis", vmin=LEAST_LOGIT, vmax=0)
         row, col = workspace.nearest_cell(pose.x, pose.y)
-        _zoom(axes[2], action_map(logits), row, col)
+        draw_zoom(axes[2], action_map(logits), row, col, _box_beside(row, logits.shape[1]))
         axes[2].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.8)
     for ax in axes:
         ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))

@@ -233,11 +233,8 @@ def show_success(panels: dict[str, dict[str, dict[int, Score]]], title: str = ""
     return fig
 
 
-def show_dots(groups: dict[str, dict[str, Score]], title: str = "", low: float = 0) -> Figure:
-    """Means as dots with 95 % intervals on one axis from ``low`` on: a line for each name, a mark for each group.
-
-    Each group has a colour; the methods of a single group have their own.
-    """
+def show_dots(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
+    """Means as dots with 95 % intervals on one axis: a line for each name, a colour and a mark for each group."""
     names = list(dict.fromkeys(name for scores in groups.values() for name in scores))
     fig, ax = plt.subplots(figsize=(7.6, 0.14 * len(names) * (1 + len(groups)) + 1.5), layout="constrained")
     shared = {name: [group for group, scores in groups.items() if name in scores] for name in names}
@@ -247,51 +244,17 @@ def show_dots(groups: dict[str, dict[str, Score]], title: str = "", low: float =
         # The dots of a name lie around its line, even where some groups lack the name.
         offsets = [shared[name].index(group) - (len(shared[name]) - 1) / 2 for name in scores]
         rows = np.array([names.index(name) for name in scores]) + 0.25 * np.array(offsets)
-        for row, (name, score) in zip(rows, scores.items(), strict=True):
-            reach = np.clip([[score.mean - score.interval[0]], [score.interval[1] - score.mean]], 0, None)
-            color = METHOD_COLORS.get(name) if len(groups) == 1 else None
-            color = color or SAFE_COLORS[number % len(SAFE_COLORS)]
-            label = group if name == next(iter(scores)) else None
-            mark = "osD^"[number % 4]
-            ax.errorbar([score.mean], [row], xerr=reach, fmt=mark, ms=5, capsize=2.5, color=color, label=label)
+        means = np.array([score.mean for score in scores.values()])
+        ends = np.array([score.interval for score in scores.values()]).T
+        reach = np.clip([means - ends[0], ends[1] - means], 0, None)
+        style = {"fmt": "osD^"[number % 4], "ms": 5, "capsize": 2.5, "color": SAFE_COLORS[number % len(SAFE_COLORS)]}
+        ax.errorbar(means, rows, xerr=reach, label=group, **style)
     ax.set_yticks(range(len(names)), names)
-    ax.set(
-        xlim=(low - 0.03 * (100 - low), 100 + 0.03 * (100 - low)),
-        ylim=(len(names) - 0.5, -0.5),
-        xlabel="success (0-100) with 95 % interval" + (f"; the axis begins at {low:.0f}" if low else ""),
-    )
+    ax.set(xlim=(-3, 103), ylim=(len(names) - 0.5, -0.5), xlabel="success (0-100) with 95 % interval")
     ax.set_title(title, fontsize=10)
     if len(groups) > 1:
         fig.legend(fontsize=8, loc="outside lower center", ncols=len(groups))
     ax.grid(axis="x", alpha=0.3)
-    return fig
-
-
-def show_worlds(panels: dict[str, dict[str, dict[str, Score]]], title: str = "", low: float = 0) -> Figure:
-    """Means with 95 % intervals in several worlds: a panel for each task family, a row for each world.
-
-    Args:
-        panels: family to set of words ("seen", "unseen") to world to score. A world that a panel does not
-            have leaves its row empty there.
-        low: where the axis of success begins.
-    """
-    worlds = list(dict.fromkeys(world for sets in panels.values() for scores in sets.values() for world in scores))
-    fig, axes = plt.subplots(1, len(panels), figsize=(3.4 * len(panels), 3.4), sharey=True, layout="constrained")
-    for ax, (family, sets) in zip(np.atleast_1d(axes), panels.items(), strict=True):
-        for number, (label, scores) in enumerate(sets.items()):
-            rows = np.array([worlds.index(world) for world in scores]) + 0.24 * (number - (len(sets) - 1) / 2)
-            means = np.array([score.mean for score in scores.values()])
-            ends = np.array([score.interval for score in scores.values()]).T
-            reach = np.clip([means - ends[0], ends[1] - means], 0, None)
-            ax.errorbar(means, rows, xerr=reach, fmt="o", ms=4, capsize=2.5, color=SAFE_COLORS[number], label=label)
-        ax.set_yticks(range(len(worlds)), worlds)
-        ax.set(xlim=(low - 0.03 * (100 - low), 100 + 0.03 * (100 - low)))
-        ax.set_xlabel("success (0-100)" + (f"; the axis begins at {low:.0f}" if low else ""))
-        ax.set_title(readable(family), fontsize=10)
-        ax.grid(alpha=0.3)
-    np.atleast_1d(axes)[0].invert_yaxis()
-    np.atleast_1d(axes)[0].legend(fontsize=8)
-    fig.suptitle(title, fontsize=10)
     return fig
 
 

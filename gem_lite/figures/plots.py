@@ -98,6 +98,23 @@ def action_map(logits: np.ndarray) -> np.ndarray:
     return np.maximum(logits.max(axis=0) - logits.max(), LEAST_LOGIT)
 
 
+def draw_zoom(
+    ax: Axes, values: np.ndarray, row: float, col: float, box: tuple[float, float, float, float], reach: int = 8
+) -> None:
+    """The cells around (row, col) of an action map (H, W), enlarged.
+
+    Args:
+        box: where the enlarged part stands: left, bottom, width, height, as parts of the panel.
+        reach: how many cells it shows to each side.
+    """
+    inset = ax.inset_axes(box)
+    bare(inset).imshow(values, cmap="viridis", vmin=LEAST_LOGIT, vmax=0)
+    inset.set(xlim=(col - reach - 0.5, col + reach + 0.5), ylim=(row + reach + 0.5, row - reach - 0.5))
+    for edge in inset.spines.values():
+        edge.set_color("white")
+    ax.indicate_inset_zoom(inset, edgecolor="white", alpha=0.8)
+
+
 def show_decision(decision: Decision, clip_name: str) -> Figure:
     """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
     w = decision.heightmap.workspace
