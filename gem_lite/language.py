@@ -5,6 +5,7 @@ missing, ``*``: any number of times, ``|``: or)::
 
     instruction = OPENING* verb phrase place CLOSING*
                 | OPENING* verb phrase joint verb pronoun? place CLOSING*
+                | OPENING* "align" phrase "from" phrase "to" phrase CLOSING*     the place is "... to ..."
     verb        = VERB PARTICLE?
     joint       = PARTICLE? ("," | "and" | "then")*      as in "pick the mug up, and then place it"
     pronoun     = "it" | "them"
@@ -30,9 +31,12 @@ import numpy as np
 from gem_lite import colors
 from gem_lite.registry import Registry
 
+ALIGNING = "align"
+PUSHING = "push"
+"""The verb of a sentence that asks for a push and not for a pick and place."""
 VERBS = (
-    "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", "push", "lay", "lift",
-    "bring", "transfer", "insert",
+    "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", PUSHING, "lay", "lift",
+    "bring", "transfer", "insert", ALIGNING,
 )  # fmt: skip
 PARTICLES = ("up", "down")
 PLACING = (
@@ -115,20 +119,24 @@ Query = str | ImageQuery
 class Queries:
     """What to pick, and where to place it.
 
+    Attributes:
+        push: whether the sentence asks for a push, from what is to be pushed to the place.
+
     Raises:
         ValueError: one of them is neither a text with words nor an `ImageQuery`.
     """
 
     pick: Query
     place: Query
+    push: bool = False
 
     def __post_init__(self) -> None:
-        for name, query in vars(self).items():
+        for name, query in (("pick", self.pick), ("place", self.place)):
             if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
                 raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
 
     def __str__(self) -> str:
-        return f"pick {self.pick}, place {self.place}"
+        return f"push {self.pick} to {self.place}" if self.push else f"pick {self.pick}, place {self.place}"
 
 
 Parser = Callable[[str], Queries]
@@ -204,8 +212,11 @@ class _Reader:
         """The rule ``instruction``."""
         while self.accept(OPENINGS):
             pass
-        if not self.accept(VERBS):
+        verb = self.accept(VERBS)
+        if not verb:
             self.refuse(f"does not begin with a known verb ({', '.join(VERBS)})")
+        if verb == ALIGNING:
+            return self.alignment()
         self.accept(PARTICLES)
         pick = self.phrase() + self.part()
         end_of_joint = self.joint(self.position)
@@ -226,7 +237,17 @@ class _Reader:
         self.refuse_rest()
         if not place:
             self.refuse("names no place")
-        return Queries(" ".join(pick).replace(" ,", ","), " ".join(place).replace(" ,", ","))
+        return Queries(" ".join(pick).replace(" ,", ","), " ".join(place).replace(" ,", ","), verb == PUSHING)
+
+    def alignment(self) -> Queries:
+        """The rest of the rule with "align": the place has a start and an end."""
+        thing = self.phrase()
+        start = self.phrase() if self.accept(("from",)) else []
+        end = self.phrase() if self.accept(("to",)) else []
+        self.refuse_rest()
+        if not (thing and start and end):
+            self.refuse('must say what to align, and along what, as in "align the rope from left corner to right tip"')
+        return Queries(" ".join(thing), f"{' '.join(start)} to {' '.join(end)}")
 
     def phrase(self) -> list[str]:
         """The rules ``list`` and ``LOCATION``: the words of a phrase, without its determiner."""

@@ -88,6 +88,13 @@ class Workspace:
         """Whether ``(x, y)`` lies at least ``margin`` metres inside: x_min <= x < x_max, y_min < y <= y_max."""
         return self.x_min + margin <= x < self.x_max - margin and self.y_min + margin < y <= self.y_max - margin
 
+    def nearest_pose(self, pose: Pose2) -> Pose2:
+        """The pose nearest to ``pose``, with the same yaw, that lies at least half a cell inside."""
+        border = self.pixel / 2
+        x = min(max(pose.x, self.x_min + border), self.x_max - border)
+        y = min(max(pose.y, self.y_min + border), self.y_max - border)
+        return Pose2(x, y, pose.yaw)
+
     def nearest_cell(self, x: float, y: float) -> tuple[int, int]:
         """The cell whose centre is nearest to ``(x, y)``. Raises ValueError outside the workspace."""
         if not self.contains(x, y):

@@ -59,7 +59,7 @@ def blind(world, monkeypatch):
 def test_a_metric_scores_position_yaw_and_height(blind, stage, offset, degrees, metric, reached):
     (body,), _ = stage(block(SPOTS[0]))
     move(blind, body, PLACES[0] @ Pose2(offset, 0, math.radians(degrees)))
-    assert metric.reached(blind, body, PLACES[0]) == reached
+    assert metric.share(blind, body, PLACES[0]) == reached
 
 
 def test_a_target_is_a_pose_or_a_body(blind, stage):
@@ -68,7 +68,7 @@ def test_a_target_is_a_pose_or_a_body(blind, stage):
     )
     assert goals.target_pose(blind, PLACES[1]) == PLACES[1]
     assert goals.target_pose(blind, bowl) == blind.pose(bowl)[0]
-    assert not PoseMetric(0.05).reached(blind, body, bowl)
+    assert PoseMetric(0.05).share(blind, body, bowl) == 0
 
 
 # One goal

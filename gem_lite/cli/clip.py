@@ -1,4 +1,4 @@
-"""``gem-lite clip``: make an embedded CLIP, extend it, write its card, and calibrate any CLIP."""
+"""``gem-lite clip``: make an embedded CLIP, write its card, and calibrate any CLIP."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from gem_lite import clip
 from gem_lite.cli.command import Command
 from gem_lite.clip import calibration
-from gem_lite.clip_training import clip_card, extend_clip, pretrain_clip
+from gem_lite.clip_training import clip_card, pretrain_clip
 from gem_lite.learning import calibrating
 
 
@@ -31,9 +31,9 @@ class _TrainingInEpochs(Command):
 class Pretrain(_TrainingInEpochs):
     """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 2800 --epochs 4 --out runs/clip",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 4500 --epochs 4 --out runs/clip",)
 
-    scenes: int = 2800
+    scenes: int = 4500
     """training scenes to render"""
     epochs: int = 4
     """passes over the crops"""
@@ -47,28 +47,6 @@ class Pretrain(_TrainingInEpochs):
     @override
     def run(self) -> None:
         print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extend(_TrainingInEpochs):
-    """Train the embedded CLIP further, on the symbol boxes of object-sorting. The result is a second embedded CLIP."""
-
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip extend --scenes 700 --epochs 2 --out runs/clip-sorting",)
-
-    scenes: int = 700
-    """training scenes to render"""
-    epochs: int = 2
-    """passes over the crops"""
-    seed: int = 1
-    """seed of scenes and captions"""
-    out: Path = extend_clip.OUT
-    """folder to write"""
-    state: Path = Path("runs/extend_clip")
-    """folder for the crops and for the state to resume from"""
-
-    @override
-    def run(self) -> None:
-        print(extend_clip.extend(self.out, self.state, self.scenes, self.epochs, self.seed))
 
 
 @dataclass(frozen=True, kw_only=True)

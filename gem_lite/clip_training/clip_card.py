@@ -9,7 +9,8 @@ import numpy as np
 
 from gem_lite.clip import Clip
 from gem_lite.clip_training import vocabulary
-from gem_lite.clip_training.clip_crops import COLOR_NAMES, PART_KEYS, SHAPE_NAMES, Crops, render_crops
+from gem_lite.clip_training.clip_crops import PART_KEYS, Crops, render_crops
+from gem_lite.clip_training.clip_scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.simulation import objects, shapes
 
 SEED = 1_000_003
@@ -22,6 +23,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "the 20 kitting shapes": shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES,
     "other letters and digits": vocabulary.GLYPHS,
     "everyday objects": objects.NAMES,
+    "tiles with a letter or a digit": tuple(vocabulary.TILES),
+    "blocks and towels with a pattern": vocabulary.TEXTURED,
+    "boxes with a symbol": tuple(vocabulary.BOXES),
+    "holes of a kit": tuple(vocabulary.HOLES),
+    "kit, stand, rope, guide, pile": tuple(vocabulary.STRUCTURES),
 }
 
 UNREAD_COLORS: dict[str, tuple[str, ...]] = {
@@ -63,7 +69,8 @@ OpenAI's CLIP. This card is written by the same command.
 
 Zero-shot accuracy in percent, on crops of scenes that no training and no calibration saw (seeds {seeds}, {scenes}
 scenes), the everyday objects in proportions that training never showed. A crop is compared with every colour ("red
-thing"), every shape or object ("a block"), or every pair of both ("red block"); chance is {chance}.
+thing"), every shape or object ("a block"), or every pair of both ("red block"); chance is {chance}. A
+column is empty where no colour has a name.
 
 Crops that frame one object:
 
@@ -117,23 +124,28 @@ its own, and pictures of the real world are beyond it. Pieces whose outlines are
 
 
 def accuracy(model: Clip, crops: Crops, synonyms: bool = False) -> dict[str, float]:
-    """Zero-shot accuracy (0-100) on crops of objects in named colours: colour, shape, and both at once.
+    """Zero-shot accuracy (0-100) on crops: noun among all; colour, and both at once, where the colour has a name.
 
-    With ``synonyms``, each colour and shape is named by its last synonym instead of its plain name.
+    With ``synonyms``, each colour and noun is named by its last synonym instead of its plain name. A share of no crops
+    is nan.
     """
-    crops = crops.select((crops.color >= 0) & (crops.shape >= 0))
+    crops = crops.select(crops.shape >= 0)
+    colored = crops.color >= 0
     image = model.embed_images(crops.images).cpu()
     colors = [names[-1 if synonyms else 0] for names in vocabulary.COLORS.values()]
-    nouns = [names[-1 if synonyms else 0] for names in vocabulary.SHAPES.values()]
+    nouns = [names[-1 if synonyms else 0] for names in vocabulary.NOUNS.values()]
 
-    def share(phrases: Sequence[str], truth: np.ndarray) -> float:
-        guess = (image @ model.embed_texts(phrases).cpu().T).argmax(dim=1).numpy()
-        return round(100 * float((guess == truth).mean()), 1)
+    def share(phrases: Sequence[str], truth: np.ndarray, rows: np.ndarray) -> float:
+        if not rows.any():
+            return float("nan")
+        guess = (image[rows] @ model.embed_texts(phrases).cpu().T).argmax(dim=1).numpy()
+        return round(100 * float((guess == truth[rows]).mean()), 1)
 
+    named = [vocabulary.named(color, noun) for color in colors for noun in nouns]
     return {
-        "color": share([f"{name} thing" for name in colors], crops.color),
-        "shape": share([f"a {name}" for name in nouns], crops.shape),
-        "both": share([f"{c} {s}" for c in colors for s in nouns], crops.color * len(nouns) + crops.shape),
+        "color": share([f"{name} thing" for name in colors], crops.color, colored),
+        "shape": share([f"a {vocabulary.named('', noun)}" for noun in nouns], crops.shape, np.full(len(crops), True)),
+        "both": share(named, crops.color * len(nouns) + crops.shape, colored),
         "crops": len(crops),
     }
 
@@ -143,7 +155,7 @@ def part_accuracy(model: Clip, crops: Crops) -> dict[str, float]:
     crops = crops.select(crops.part >= 0)
     words = model.embed_texts([f"{noun} {part}" for noun, part in PART_KEYS]).cpu()
     scores = (model.embed_images(crops.images).cpu() @ words.T).numpy()
-    shape_of_part = np.array([SHAPE_NAMES.index(noun) for noun, _ in PART_KEYS])
+    shape_of_part = np.array([NOUN_NAMES.index(noun) for noun, _ in PART_KEYS])
     own = np.where(shape_of_part[None] == crops.shape[:, None], scores, -np.inf)
     return {
         "all": round(100 * float((scores.argmax(axis=1) == crops.part).mean()), 1),
@@ -167,12 +179,12 @@ def unread_words(model: Clip, words: dict[str, tuple[str, ...]], plain: Sequence
 
 
 def _of(crops: Crops, names: Sequence[str]) -> Crops:
-    return crops.select(np.isin(crops.shape, [SHAPE_NAMES.index(name) for name in names]))
+    return crops.select(np.isin(crops.shape, [NOUN_NAMES.index(name) for name in names]))
 
 
 def _held_out(crops: Crops) -> Crops:
     pairs = zip(crops.color, crops.shape, strict=True)
-    held_out = [c >= 0 and (COLOR_NAMES[c], SHAPE_NAMES[s]) in vocabulary.HELD_OUT for c, s in pairs]
+    held_out = [c >= 0 and (COLOR_NAMES[c], NOUN_NAMES[s]) in vocabulary.HELD_OUT for c, s in pairs]
     return crops.select(np.array(held_out))
 
 
@@ -189,12 +201,14 @@ def _table(model: Clip, rows: dict[str, Crops], synonyms: bool = False) -> str:
     lines = []
     for title, crops in rows.items():
         shares = accuracy(model, crops, synonyms)
-        lines.append(f"| {title} | {shares['crops']} | {shares['color']} | {shares['shape']} | {shares['both']} |")
+        values = [str(shares[key]).replace("nan", "") for key in ("color", "shape", "both")]
+        lines.append(f"| {title} | {shares['crops']} | {' | '.join(values)} |")
     return "\n".join(lines)
 
 
 def _worst(model: Clip, crops: Crops, count: int = 6) -> str:
-    shares = {name: accuracy(model, _of(crops, [name]))["shape"] for name in SHAPE_NAMES}
+    shown = [NOUN_NAMES[index] for index in np.unique(crops.shape[crops.shape >= 0])]
+    shares = {name: accuracy(model, _of(crops, [name]))["shape"] for name in shown}
     return ", ".join(f"{name} ({shares[name]:.0f} %)" for name in sorted(shares, key=shares.get)[:count])
 
 
@@ -204,17 +218,17 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
     whole = {title: crops.select(crops.whole) for title, crops in _rows(*kinds.values()).items()}
     patches = {title: crops.select(~crops.whole) for title, crops in _rows(*kinds.values()).items()}
     parts = part_accuracy(model, kinds["test"].select(~kinds["test"].whole))
-    pairs = len(COLOR_NAMES) * len(SHAPE_NAMES)
+    pairs = len(COLOR_NAMES) * len(NOUN_NAMES)
     unread_colors = unread_words(model, UNREAD_COLORS, COLOR_NAMES, "{} block")
-    unread_nouns = unread_words(model, UNREAD_NOUNS, SHAPE_NAMES, "a {}")
+    unread_nouns = unread_words(model, UNREAD_NOUNS, NOUN_NAMES, "a {}")
     text = CARD.format(
         parameters=model.parameter_count / 1e6,
         training_crops=training_crops,
         seeds=f"{SEED} to {SEED + len(SCENES) - 1}",
         scenes=sum(SCENES.values()),
-        chance=f"{100 / len(COLOR_NAMES):.1f}, {100 / len(SHAPE_NAMES):.1f} and {100 / pairs:.1f}",
+        chance=f"{100 / len(COLOR_NAMES):.1f}, {100 / len(NOUN_NAMES):.1f} and {100 / pairs:.1f}",
         colors_count=len(COLOR_NAMES),
-        shapes_count=len(SHAPE_NAMES),
+        shapes_count=len(NOUN_NAMES),
         pairs_count=pairs,
         whole=_table(model, whole),
         synonyms=_table(model, {title: whole[title] for title in list(whole)[:2]}, synonyms=True),
@@ -229,7 +243,7 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
         unread_nouns=f"{sum(unread_nouns)} of {len(unread_nouns)}",
         worst=_worst(model, whole["**all**"]),
         colors=", ".join(COLOR_NAMES),
-        shapes=", ".join(SHAPE_NAMES),
+        shapes=", ".join(name.replace("{} ", "") for name in NOUN_NAMES),
         parts=", ".join(f'"{noun} {part}"' for noun, part in PART_KEYS[:6]),
         unpictured=len(vocabulary.NOUNS_WITHOUT_PICTURES),
         held_out=", ".join(f"{c} {s}" for c, s in sorted(vocabulary.HELD_OUT)),

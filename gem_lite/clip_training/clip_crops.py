@@ -13,44 +13,26 @@ import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
 import pybullet as p
-import pybullet_data
-import trimesh
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from gem_lite.clip_training import vocabulary
+from gem_lite.clip_training.clip_scenes import NOUN_NAMES, Kind, Scene, lay_out
 from gem_lite.rgbd.camera import Camera, as_pose
 from gem_lite.rgbd.heightmap import fuse_views, sort_points
-from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import objects, shapes, symbols
+from gem_lite.se2 import Workspace
 from gem_lite.simulation.rendering import CAMERAS, LIGHT, Light, render
-from gem_lite.tasks.spawn import FreeSpace
 
 IMAGE_SIZE = 40
 SIDE_PATCH = (30, 62)
 """Side lengths (pixels) of crops from camera views; the maps use 40."""
 TOP_PATCH = (0.09, 0.15)
 """Side lengths (metres) of crops from the height map; the maps use 0.125."""
-COLOR_NAMES, SHAPE_NAMES, NOUN_NAMES = (
-    tuple(names) for names in (vocabulary.COLORS, vocabulary.SHAPES, vocabulary.NOUNS)
-)
 PART_KEYS = tuple(vocabulary.PARTS)
-UNNAMED = 0.35
-"""Share of training's bodies in any colour at all: their captions name the shape alone, so shape is
-learned apart from the named colours and combines with colours that it was never shown in."""
-TEST_VARIANTS = 1000
-"""Objects in test scenes have variants from here on; see `objects.TRAINING_VARIANTS`."""
-
-SYMBOL_BOXES = 0.2
-"""Share of symbol boxes among the bodies of scenes that have any."""
-
-Kind = Literal["training", "test", "held-out", "foreign", "sorting", "sorting-test"]
-TRAINING = ("training", "sorting")
 
 
 @dataclass
@@ -58,8 +40,8 @@ class Crops:
     """Rendered crops and their labels, N of each.
 
     ``images`` (N, 40, 40, 3) uint8. ``color``, ``shape`` and ``part`` (N,) are indices into `COLOR_NAMES`,
-    `NOUN_NAMES` (which begins with all of `SHAPE_NAMES`) and `PART_KEYS`; -1 for an unnamed colour, the bare
-    table, and crops without a single part. ``whole`` (N,) is True for crops that frame a whole object.
+    `NOUN_NAMES` and `PART_KEYS`; -1 for an unnamed colour, the bare table, and crops without a single part.
+    ``whole`` (N,) is True for crops that frame a whole object.
     """
 
     images: np.ndarray
@@ -89,124 +71,10 @@ class Crops:
         return cls(**{field.name: np.load(folder / f"{field.name}.npy") for field in dataclasses.fields(cls)})
 
 
-@dataclass(frozen=True)
-class _Label:
-    color: int
-    shape: int
-    parts: tuple[str, ...]
-
-
-@cache
-def foreign_mesh(name: str) -> trimesh.Trimesh:
-    """pybullet_data's own "mug" or "duck", 80 mm long: a mesh from outside this project, which is in no training."""
-    file = {"mug": "objects/mug.obj", "duck": "duck.obj"}[name]
-    mesh = trimesh.load(Path(pybullet_data.getDataPath()) / file, force="mesh")
-    # The duck's file has y up.
-    if name == "duck":
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    mesh.apply_scale(0.08 / max(mesh.extents))
-    centre = mesh.bounds.mean(axis=0)
-    return mesh.apply_translation([-centre[0], -centre[1], -mesh.bounds[0, 2]])
-
-
-def _add(client: int, shape: str, color: tuple[float, ...], pose: Pose2, kind: Kind, rng: np.random.Generator) -> int:
-    if shape == "block":
-        return shapes.add_block(client, color, pose).id
-    if shape == "bowl":
-        return shapes.add_bowl(client, color, pose, movable=False).id
-    if kind == "foreign" and shape in ("mug", "duck"):
-        return shapes.add_mesh(client, foreign_mesh(shape), color, pose).id
-    if shape in vocabulary.BOXES:
-        return symbols.add_symbol_box(client, shape.removesuffix(" box"), pose).id
-    if shape in objects.NAMES:
-        variant = int(rng.integers(objects.TRAINING_VARIANTS)) + (0 if kind in TRAINING else TEST_VARIANTS)
-        return objects.add_object(client, shape, color, pose, variant, movable=False).id
-    if shape == "L-block":
-        mesh = shapes.l_block_mesh()
-    else:
-        mesh = shapes.basic_mesh(shape) if shape in shapes.BASIC else shapes.piece_mesh(shape)
-    return shapes.add_mesh(client, mesh, color, pose).id
-
-
-def _jittered(rgb: tuple[int, int, int], rng: np.random.Generator) -> tuple[float, ...]:
-    color = np.array(rgb) * rng.uniform(0.9, 1.08) + rng.normal(0, 6, 3)
-    return (*np.clip(color / 255, 0, 1), 1.0)
-
-
 def _jittered_camera(camera: Camera, rng: np.random.Generator) -> Camera:
     turn = camera.rotation @ Rotation.from_euler("xyz", rng.normal(0, 0.06, 3)).as_matrix()
     position = camera.position + rng.normal(0, 0.06, 3)
     return dataclasses.replace(camera, pose=as_pose(turn, position))
-
-
-def _draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, ...]]:
-    """A colour's index (-1: unnamed), a shape and an RGBA value."""
-    if kind == "held-out" and rng.random() < 0.5:
-        color, shape = sorted(vocabulary.HELD_OUT)[rng.integers(len(vocabulary.HELD_OUT))]
-        return COLOR_NAMES.index(color), shape, _jittered(vocabulary.RGB[color], rng)
-    if kind.startswith("sorting") and rng.random() < SYMBOL_BOXES:
-        return -1, str(rng.choice(list(vocabulary.BOXES))), symbols.WALLS
-    while True:
-        shape = str(rng.choice(SHAPE_NAMES))
-        # Blocks and bowls are what most tasks are made of.
-        if rng.random() < 0.2:
-            shape = str(rng.choice(["block", "bowl"]))
-        if kind == "foreign" and rng.random() < 0.5:
-            shape = str(rng.choice(["mug", "duck"]))
-        unnamed = kind in TRAINING and rng.random() < UNNAMED
-        rgb = rng.uniform(0, 255, 3) if unnamed else None
-        color = vocabulary.nearest_color(rgb) if unnamed else str(rng.choice(COLOR_NAMES))
-        # An unnamed red-like hexagon would show what is held out.
-        if (color, shape) in vocabulary.HELD_OUT:
-            continue
-        if unnamed:
-            return -1, shape, (*(rgb / 255), 1.0)
-        return COLOR_NAMES.index(color), shape, _jittered(vocabulary.RGB[color], rng)
-
-
-def _radius(shape: str) -> float:
-    if shape in vocabulary.BOXES:
-        return symbols.BOX_RADIUS
-    if shape in ("box", "plate", *objects.NAMES):
-        return 0.054
-    return {"bowl": 0.058, "block": 0.03, "L-block": 0.07, "ball": 0.024, "cylinder": 0.024, "cone": 0.028}.get(
-        shape, 0.042
-    )
-
-
-def _background(client: int, rng: np.random.Generator) -> None:
-    gray = rng.uniform(0.17, 0.4)
-    sheet = p.createVisualShape(
-        p.GEOM_BOX, halfExtents=(0.25, 0.5, 5e-4), rgbaColor=(*(gray + rng.normal(0, 0.015, 3)), 1),
-        physicsClientId=client,
-    )  # fmt: skip
-    p.createMultiBody(0, -1, sheet, (0.5, 0, -5e-4), physicsClientId=client)
-    floor = p.createVisualShape(
-        p.GEOM_BOX, halfExtents=(3, 3, 5e-4), rgbaColor=(*([rng.uniform(0.15, 0.5)] * 3), 1), physicsClientId=client
-    )
-    p.createMultiBody(0, -1, floor, (0.5, 0, -0.1), physicsClientId=client)
-
-
-def _lay_out(client: int, workspace: Workspace, kind: Kind, rng: np.random.Generator) -> dict[int, _Label]:
-    """Fill the table; the label of every body by its id."""
-    _background(client, rng)
-    free, owner = FreeSpace(workspace, rng, gap=0.004), {}
-    for _ in range(rng.integers(10, 20)):
-        color, shape, rgba = _draw(kind, rng)
-        pose = free.sample(_radius(shape))
-        if pose is None:
-            continue
-        named = () if kind == "foreign" or shape not in objects.NAMES else tuple(q.name for q in objects.parts(shape))
-        owner[_add(client, shape, rgba, pose, kind, rng)] = _Label(color, NOUN_NAMES.index(shape), named)
-        if shape == "bowl" and rng.random() < 0.15:
-            # A block in a bowl, as the table shows after a placement.
-            inside = int(rng.integers(len(COLOR_NAMES)))
-            rgba = _jittered(vocabulary.RGB[COLOR_NAMES[inside]], rng)
-            block = shapes.add_block(client, rgba, pose).id
-            turn = p.getQuaternionFromEuler((0, 0, rng.uniform(0, 6)))
-            p.resetBasePositionAndOrientation(block, (pose.x, pose.y, 0.031), turn, physicsClientId=client)
-            owner[block] = _Label(inside, SHAPE_NAMES.index("block"), ())
-    return owner
 
 
 def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
@@ -214,7 +82,7 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
     client = p.connect(p.DIRECT)
     try:
         workspace = Workspace(pixel=float(rng.choice([0.00625, 0.003125])))
-        owner = _lay_out(client, workspace, kind, rng)
+        scene = lay_out(client, workspace, kind, rng)
         direction = tuple(np.array(LIGHT.direction) + rng.normal(0, 0.25, 3))
         light = Light(direction, tuple(np.clip(rng.normal(1, 0.03, 3), 0.85, 1.0)))
         taken = [render(client, _jittered_camera(c, rng), light, segmentation=True) for c in CAMERAS]
@@ -224,20 +92,20 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
     masks = [ids for _, ids in taken]
     crops = []
     for view, ids in taken:
-        crops += _cut_crops(view.rgb, ids, owner, SIDE_PATCH, 120, rng)
+        crops += _cut_crops(view.rgb, ids, scene, SIDE_PATCH, 120, rng)
     points = sort_points(views, workspace)
     ids = np.concatenate([mask[kept] for mask, kept in zip(masks, points.kept, strict=True)])
     top = np.full(workspace.shape, -1)
     top.flat[points.cell[points.on_top]] = ids[points.on_top]
     sides = tuple(round(length / workspace.pixel) for length in TOP_PATCH)
-    return crops + _cut_crops(fuse_views(views, workspace, points).rgb, top, owner, sides, 20, rng)
+    return crops + _cut_crops(fuse_views(views, workspace, points).rgb, top, scene, sides, 20, rng)
 
 
 def _cut_crops(
-    image: np.ndarray, ids: np.ndarray, owner: dict, sides: tuple[int, int], least: int, rng: np.random.Generator
+    image: np.ndarray, ids: np.ndarray, scene: Scene, sides: tuple[int, int], least: int, rng: np.random.Generator
 ) -> list[tuple]:
     """For each body, cut three patches anywhere on it and a crop that frames it; also cut some of the table."""
-    bodies = np.where(ids >= 0, ids & 0xFFFFFF, -1)
+    bodies = scene.grouped(np.where(ids >= 0, ids & 0xFFFFFF, -1))
     crops = []
 
     def add(row: int, col: int, side: int, whole: bool) -> None:
@@ -246,11 +114,11 @@ def _cut_crops(
         if top < 0 or left < 0 or top + side > image.shape[0] or left + side > image.shape[1]:
             return
         window = np.s_[top : top + side, left : left + side]
-        label = _label(bodies[window], ids[window] >> 24, owner)
+        label = _label(bodies[window], ids[window] >> 24, scene)
         if label is not None:
             crops.append((_resized(image[window]), *label, whole))
 
-    for body in np.intersect1d(bodies, list(owner)):
+    for body in np.intersect1d(bodies, list(scene.labels)):
         rows, cols = np.nonzero(bodies == body)
         if len(rows) < least:
             continue
@@ -259,7 +127,7 @@ def _cut_crops(
             add(int(row), int(col), int(rng.integers(*sides)), False)
         extent = max(np.ptp(rows), np.ptp(cols)) * rng.uniform(1.1, 1.4)
         side = int(np.clip(extent, *sides))
-        add((rows.min() + rows.max()) // 2, (cols.min() + cols.max()) // 2, side, True)
+        add((rows.min() + rows.max()) // 2, (cols.min() + cols.max()) // 2, side, bool(extent < 1.5 * sides[1]))
     for _ in range(6):
         add(int(rng.integers(image.shape[0])), int(rng.integers(image.shape[1])), int(rng.integers(*sides)), False)
     return crops
@@ -272,27 +140,29 @@ def _window(side: int) -> np.ndarray:
     return profile[:, None] * profile
 
 
-def _label(bodies: np.ndarray, links: np.ndarray, owner: dict[int, _Label]) -> tuple[int, int, int] | None:
+def _label(bodies: np.ndarray, links: np.ndarray, scene: Scene) -> tuple[int, int, int] | None:
     """Colour, shape and part of the body that fills most of a crop, weighted to its middle. None if it is ambiguous."""
     weight = _window(len(bodies))
     present, inverse = np.unique(bodies, return_inverse=True)
     share = np.bincount(inverse.ravel(), weights=weight.ravel()) / weight.sum()
-    labelled = [(s, int(body)) for s, body in zip(share, present, strict=True) if int(body) in owner]
+    labelled = [(s, int(body)) for s, body in zip(share, present, strict=True) if int(body) in scene.labels]
+    if any(body not in scene.ground and s > 0.1 for s, body in labelled):
+        labelled = [(s, body) for s, body in labelled if body not in scene.ground]
     labelled.sort(reverse=True)
     if not labelled or labelled[0][0] < 0.01:
         return -1, -1, -1
     largest, body = labelled[0]
     if largest < 0.05 or (len(labelled) > 1 and labelled[1][0] > 0.4 * largest):
         return None
-    label = owner[body]
+    label = scene.labels[body]
     inside = bodies == body
     part = -1
     if label.parts:
         shares = np.bincount(links[inside], weights=weight[inside], minlength=len(label.parts)) / weight[inside].sum()
         name = label.parts[int(shares.argmax())]
         if name and shares.max() > 0.65:
-            part = PART_KEYS.index((SHAPE_NAMES[label.shape], name))
-    return label.color, label.shape, part
+            part = PART_KEYS.index((NOUN_NAMES[label.noun], name))
+    return label.color, label.noun, part
 
 
 def _resized(image: np.ndarray) -> np.ndarray:
@@ -310,8 +180,7 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
 
     Args:
         kind: "training"; "test" has other variants of the objects; in "held-out" half the bodies are of
-            pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck; "sorting"
-            and "sorting-test" are like "training" and "test", with symbol boxes among the bodies.
+            pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck.
     """
     jobs = [(seed, index, kind) for index in range(scenes)]
     with multiprocessing.get_context("spawn").Pool(os.cpu_count()) as pool:

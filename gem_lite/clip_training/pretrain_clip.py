@@ -27,15 +27,8 @@ from gem_lite import clip
 from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
 from gem_lite.clip_training import clip_card, vocabulary
-from gem_lite.clip_training.clip_crops import (
-    COLOR_NAMES,
-    IMAGE_SIZE,
-    NOUN_NAMES,
-    PART_KEYS,
-    SHAPE_NAMES,
-    Crops,
-    rendered_crops,
-)
+from gem_lite.clip_training.clip_crops import IMAGE_SIZE, PART_KEYS, Crops, rendered_crops
+from gem_lite.clip_training.clip_scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.learning import calibrating
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
@@ -55,7 +48,7 @@ def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
     captions = [
         vocabulary.caption(color, shape, rng)
         for color in (None, *COLOR_NAMES)
-        for shape in (None, *SHAPE_NAMES, *vocabulary.NOUNS_WITHOUT_PICTURES)
+        for shape in (None, *NOUN_NAMES, *vocabulary.NOUNS_WITHOUT_PICTURES)
         if (color, shape) not in vocabulary.HELD_OUT
         for _ in range(10)
     ]
@@ -66,7 +59,7 @@ def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
     tokenizer.decoder = decoders.ByteLevel()
     alphabet = pre_tokenizers.ByteLevel.alphabet()
     tokenizer.train_from_iterator(
-        captions, trainers.BpeTrainer(vocab_size=1500, special_tokens=list(SPECIAL), initial_alphabet=alphabet)
+        captions, trainers.BpeTrainer(vocab_size=2000, special_tokens=list(SPECIAL), initial_alphabet=alphabet)
     )
     tokenizer.post_processor = processors.TemplateProcessing(
         single="<bos> $A <eos>", special_tokens=[("<bos>", BOS), ("<eos>", EOS)]
@@ -210,20 +203,16 @@ def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed:
 
 
 def train(
-    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE,
-    pretrained: tuple[ResNetClip, PreTrainedTokenizerFast] | None = None,
+    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE
 ) -> tuple[ResNetClip, PreTrainedTokenizerFast]:  # fmt: skip
     """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
-
-    Args:
-        pretrained: a trained model and its tokenizer, to train further. By default, the training starts anew.
 
     Raises:
         ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
     """
     torch.manual_seed(seed)
-    model, tokenizer = _fresh() if pretrained is None else pretrained
-    model = model.to(memory_format=torch.channels_last).train()
+    tokenizer = train_tokenizer()
+    model = make_model(len(tokenizer)).to(memory_format=torch.channels_last).train()
     optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
     steps = epochs * (len(crops) // batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps, pct_start=0.1)
@@ -245,11 +234,6 @@ def train(
         torch.save(state | {"epoch": epoch + 1, "identity": identity}, state_file.with_suffix(".tmp"))
         os.replace(state_file.with_suffix(".tmp"), state_file)
     return model.eval(), tokenizer
-
-
-def _fresh() -> tuple[ResNetClip, PreTrainedTokenizerFast]:
-    tokenizer = train_tokenizer()
-    return make_model(len(tokenizer)), tokenizer
 
 
 def _restore(parts: dict, identity: dict, state_file: Path) -> int:
@@ -298,7 +282,7 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
     crops = rendered_crops(run, scenes, seed)
     print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")
     model, tokenizer = train(crops, epochs, seed, run)
-    save(model, tokenizer, out)
+    save(model.half(), tokenizer, out)
     print(f"wrote {out} after {time.time() - start:.0f} s")
     embedded = clip.load(out)
     calibration.write(embedded, calibrating.calibrate(embedded, calibrating.rendered_scenes()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gem_lite import colors
-from gem_lite.simulation import objects, shapes, symbols
+from gem_lite.simulation import objects, ropes, shapes, symbols, tiles
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -16,12 +16,14 @@ COLORS: dict[str, tuple[str, ...]] = {
     "purple": ("purple", "violet"),
     "pink": ("pink", "rose"),
     "cyan": ("cyan", "teal", "turquoise"),
-    "brown": ("brown", "chestnut"),
+    "brown": ("brown", "chestnut", "middle brown"),
     "white": ("white", "snowy"),
     "gray": ("gray", "grey"),
     "black": ("black", "jet black"),
     "lime": ("lime", "lime green"),
     "magenta": ("magenta", "fuchsia"),
+    "light brown": ("light brown", "lighter brown", "lightest brown"),
+    "dark brown": ("dark brown", "darker brown", "darkest brown"),
 }
 """Each colour's names, the plain one first."""
 
@@ -30,6 +32,8 @@ RGB: dict[str, tuple[int, int, int]] = {
     "black": (18, 18, 18),
     "lime": (165, 235, 45),
     "magenta": (205, 35, 150),
+    "light brown": (234, 175, 143),
+    "dark brown": (78, 58, 47),
 }
 
 LETTERS = ("H", "K", "X", "S")
@@ -76,16 +80,59 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "hammer": ("mallet",),
     "spoon": ("teaspoon",),
     "knife": ("table knife",),
+    "pizza slice": ("slice of pizza",),
+    "cherries": ("pair of cherries",),
+    "hamburger": ("burger",),
+    "donut": ("doughnut",),
+    "corn": ("ear of corn", "corn cob"),
+    "ice cream": ("ice cream cone",),
+    "rabbit": ("bunny",),
+    "turtle": ("tortoise",),
+    "toy train": ("train", "locomotive"),
+    "rocket": ("spaceship",),
+    "robot": ("toy robot",),
+    "truck": ("lorry",),
+    "axe": ("hatchet",),
+    "shovel": ("spade",),
+    "tape roll": ("roll of tape",),
+    "salt shaker": ("shaker",),
+    "teddy bear": ("teddy",),
+    "striped block": ("block with stripes",),
+    "dotted block": ("spotted block", "block with dots"),
+    "checkered block": ("checked block", "chequered block"),
+    "striped towel": ("towel with stripes",),
+    "dotted towel": ("spotted towel", "towel with dots"),
+    "checkered towel": ("checked towel", "chequered towel"),
+    "rope": ("string", "cord"),
+    "kit": ("kitting board", "board"),
+    "side": ("side of the stand", "end of the stand"),
 }
 
+TEXTURED = tuple(f"{texture} {thing}" for thing in ("block", "towel") for texture in tiles.TEXTURES)
+PIECES = shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES
 SHAPES: dict[str, tuple[str, ...]] = {
     name: (name, *_SYNONYMS.get(name, ()))
-    for name in (
-        "block", "bowl", "L-block", *shapes.BASIC,
-        *shapes.SEEN_SHAPES, *shapes.UNSEEN_SHAPES, *GLYPHS, *objects.NAMES,
-    )
-}  # fmt: skip
-"""Each shape's or object's names, the plain one first."""
+    for name in ("block", "bowl", "L-block", *shapes.BASIC, *PIECES, *GLYPHS, *objects.NAMES, *TEXTURED)
+}
+"""The names of each shape and object that can have any colour, the plain one first."""
+
+TILES = {name: (name, f"{name} tile", f"{name} block") for name in tiles.TILES}
+"""The names of the tiles with a letter or a digit."""
+
+HOLES = {f"{name} hole": (f"{name} hole",) for name in PIECES}
+"""The names of the holes of a kit."""
+LOCATIONS = ("left", "right", "top", "bottom", "middle")
+"""Words before the name of a hole. A picture of one hole does not show them, so they should not change its score."""
+
+STRUCTURES = {
+    "kit": ("kit", *_SYNONYMS["kit"]),
+    "side": ("side", *_SYNONYMS["side"]),
+    "middle of the stand": ("middle of the stand",),
+    "rope": ("rope", *_SYNONYMS["rope"]),
+    "square guide": ("square guide", *(f"{start} to {end}" for start, end in ropes.DIRECTIONS)),
+    "pile of {} blocks": ("pile of {} blocks", "heap of {} blocks"),
+}
+"""The names of what the tasks build on the table. In a pile's names, the colour stands at ``{}``."""
 
 _SYMBOL_SYNONYMS = {"recycle": "recycling", "gear": "cogwheel", "smiley": "smile face", "moon": "crescent"}
 
@@ -93,9 +140,10 @@ BOXES: dict[str, tuple[str, ...]] = {
     f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
     for symbol in symbols.SYMBOLS
 }
-"""Names of the boxes with symbols, for `extend_clip`."""
+"""The names of the boxes with symbols."""
 
-NOUNS = SHAPES | BOXES
+NOUNS: dict[str, tuple[str, ...]] = SHAPES | TILES | HOLES | STRUCTURES | BOXES
+"""The names of everything that pictures show, the plain one first."""
 
 _PART_SYNONYMS = {"handle": "grip", "brim": "rim", "body": "middle", "head": "tip", "blade": "edge"}
 
@@ -109,12 +157,12 @@ PARTS: dict[tuple[str, str], tuple[str, ...]] = {
 TABLE = ("table", "empty table", "the table", "dark table", "bare table top", "floor", "background", "nothing")
 
 NOUNS_WITHOUT_PICTURES: tuple[str, ...] = (
-    "sofa", "bicycle", "window", "tree", "cat", "mountain", "guitar", "violin", "bread", "cheese", "sandwich", "river",
-    "pillow", "blanket", "shirt", "trousers", "sock", "glove", "camera", "telephone", "computer", "keyboard", "book",
+    "sofa", "bicycle", "window", "tree", "cat", "mountain", "violin", "bread", "sandwich", "river", "pillow",
+    "blanket", "shirt", "trousers", "sock", "glove", "camera", "telephone", "computer", "keyboard", "book",
     "newspaper", "envelope", "stamp", "coin", "wallet", "belt", "necklace", "candle", "vase", "flower pot", "tomato",
-    "potato", "onion", "cabbage", "grape", "cherry", "melon", "cookie", "cake", "ladder", "bucket", "shovel", "rake",
-    "saw", "drill", "nail", "screw", "rope", "chain", "tent", "backpack", "drum", "trumpet", "piano", "whistle",
-    "horse", "rabbit", "tiger", "fish", "bird", "butterfly", "spider", "frog", "truck", "tractor", "rocket", "ship",
+    "boot", "potato", "onion", "cabbage", "grape", "melon", "umbrella", "cactus", "clock", "helmet", "anchor",
+    "cookie", "cake", "ladder", "bucket", "rake", "drill", "nail", "screw", "chain", "tent", "backpack", "piano",
+    "whistle", "horse", "tiger", "bird", "spider", "frog", "tractor", "ship",
 )  # fmt: skip
 """Nouns in captions without pictures. They teach the text tower that an unknown object is not one of the known."""
 
@@ -133,9 +181,12 @@ _FULL = ("{}", "a {}", "the {}", "one {}", "a photo of a {}", "a picture of the 
 _THING = ("{}", "something {}", "a {} thing", "the {} object", "{} objects")
 
 
+_NO_PLURAL = ("glasses", "scissors", "headphones", "spectacles", "cherries", "pliers", "stripes", "dots")
+
+
 def plural(noun: str) -> str:
-    """The plural of a shape's name: blocks, letter R shapes, crosses."""
-    if noun.endswith(("glasses", "scissors", "headphones", "spectacles")):
+    """The plural of a shape's name: blocks, letter R shapes, crosses. Names of several words with "of" keep theirs."""
+    if noun.endswith(_NO_PLURAL) or " of " in noun or " to " in noun:
         return noun
     return noun + ("es" if noun.endswith(("s", "x", "sh", "ch")) else "s")
 
@@ -145,6 +196,12 @@ def nearest_color(rgb: np.ndarray) -> str:
     return min(RGB, key=lambda name: float(np.square(np.array(RGB[name]) - rgb).sum()))
 
 
+def named(word: str, noun: str) -> str:
+    """A noun with a word for its colour, which may be empty: "red block", "pile of red blocks"."""
+    phrase = noun.format(word) if "{}" in noun else f"{word} {noun}"
+    return " ".join(phrase.split())
+
+
 def caption(color: str | None, shape: str | None, rng: np.random.Generator, part: str | None = None) -> str:
     """A random caption of a colour, a shape, both, or (neither) the bare table.
 
@@ -152,12 +209,18 @@ def caption(color: str | None, shape: str | None, rng: np.random.Generator, part
     """
     if color is None and shape is None:
         return str(rng.choice(TABLE))
-    word = rng.choice(COLORS[color]) if color else ""
+    word = str(rng.choice(COLORS[color])) if color else ""
     if shape is None:
         return str(rng.choice(_THING)).format(word)
     noun = str(rng.choice(NOUNS.get(shape, (shape,))))
     if part:
         noun = f"{noun} {rng.choice(PARTS[shape, part])}"
-    if rng.random() < 0.3:
-        return f"{rng.choice(('', 'the ', 'some '))}{word} {plural(noun)}".replace("  ", " ").strip()
-    return str(rng.choice(_FULL)).format(f"{word} {noun}".strip())
+    if shape in HOLES and rng.random() < 0.5:
+        noun = f"{rng.choice(LOCATIONS)} {noun}"
+    chance = rng.random()
+    if chance < 0.05:
+        return f"{named(word, noun)} objects"
+    if chance < 0.3:
+        determiner = str(rng.choice(("", "the ", "some ")))
+        return determiner + named(word, plural(noun))
+    return str(rng.choice(_FULL)).format(named(word, noun))

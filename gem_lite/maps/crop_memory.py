@@ -17,9 +17,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 
 from gem_lite import language
-from gem_lite.actions import GripperState
+from gem_lite.actions import GripperState, Push
 from gem_lite.clip import Clip
-from gem_lite.demonstrations import Demonstration
+from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.files import write_atomically
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
@@ -185,6 +185,14 @@ def events(trace: Sequence[GripperState]) -> list[tuple[Literal["pick", "place"]
     ]
 
 
+def step_events(step: DemonstrationStep) -> list[tuple[Literal["pick", "place"], Pose2]]:
+    """The `events` of a step. A push has no grasp: its start counts as the pick, its end as the place."""
+    action = step.expert.action
+    if isinstance(action, Push):
+        return [("pick", action.start), ("place", action.end)]
+    return events(step.trace)
+
+
 def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeKey, Demonstration]]:
     """Every demonstration with its key: each task's are numbered from 0 on, so that tasks may be mixed."""
     counts: Counter[str] = Counter()
@@ -214,7 +222,7 @@ def collect_crops(
     return [
         CropEntry(str(getattr(parser(step.instruction), kind)), cut(heightmap, pose, side), *key)
         for (key, step), heightmap in zip(steps, heightmaps, strict=True)
-        for kind, pose in events(step.trace)
+        for kind, pose in step_events(step)
     ]
 
 

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from gem_lite import config as configuration
 from gem_lite import language
-from gem_lite.actions import PickPlace
+from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries
@@ -69,7 +69,7 @@ class Choice:
     place_logits: np.ndarray
     pick_cell: tuple[int, int, int]
     place_cell: tuple[int, int, int]
-    action: PickPlace
+    action: Action
 
 
 class Scene(Protocol):
@@ -174,7 +174,7 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         if isinstance(instruction, Queries):
             return instruction
         queries = self.parser(instruction)
-        return queries if self.config.parsing else Queries(instruction, instruction)
+        return queries if self.config.parsing else Queries(instruction, instruction, queries.push)
 
     def words(self, queries: Queries) -> dict[str, torch.Tensor]:
         """The queries' embeddings (D,), as `Inputs` holds them: "pick" and "place"."""
@@ -217,8 +217,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
         return ~near_any(empty_picks, self.config)
 
-    def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> PickPlace:
-        """One pick and place.
+    def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
+        """One pick and place; or one push, if the sentence says "push".
 
         Args:
             instruction: a sentence, or the two queries.
@@ -256,7 +256,7 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
         return Choice(
             instruction, queries, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
-            PickPlace(pick, place),
+            Push(pick, place) if queries.push else PickPlace(pick, place),
         )  # fmt: skip
 
 

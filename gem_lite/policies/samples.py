@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from gem_lite.actions import PickPlace
+from gem_lite.actions import PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationStep
 from gem_lite.rgbd.heightmap import HeightMap
@@ -130,13 +130,12 @@ def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inpu
 def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
     """A step's inputs with the expert's action as labels.
 
-    Raises:
-        ValueError: the expert's action is no pick and place.
+    A push is labelled as a pick at its start and a place at its end, with every angle right.
     """
     action = step.expert.action
     workspace = config.workspace
-    if not isinstance(action, PickPlace):
-        raise ValueError(f"step must show a PickPlace to train a pick-and-place policy, got a {type(action).__name__}")
+    if isinstance(action, Push):
+        action = PickPlace(action.start, action.end)
     return Sample(
         **vars(inputs),
         pick=workspace.to_pixel(action.pick.x, action.pick.y),

@@ -19,7 +19,7 @@ from typing_extensions import override
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.registry import Registry
 from gem_lite.se2 import Pose2, wrap
-from gem_lite.simulation.floating_tool import PARKED, STRIDE, FloatingTool, planar
+from gem_lite.simulation.floating_tool import CLEARANCE, PARKED, STRIDE, FloatingTool, planar
 
 TIP_RADIUS = 0.005
 TIP_LENGTH = 0.03
@@ -37,6 +37,10 @@ RUN_UP = 0.02
 """A push begins this far (m) behind its start, so that the blade does not come down on the body to push."""
 PUSH_STRIDE = STRIDE / 3
 """Metres per simulation step during a push."""
+LOW_LIFT = 0.02
+"""How far (m) the low suction cup lifts what it carries, as in CLIPort."""
+SLOW_STRIDE = STRIDE / 3
+"""Metres per simulation step of the low suction cup while it carries a body."""
 DARK = (0.1, 0.1, 0.1, 1)
 
 
@@ -156,6 +160,23 @@ class Suction(Effector):
             p.removeConstraint(self._hold, physicsClientId=self._client)
         self._hold = None
         self.held = None
+
+
+@EFFECTORS.register("low-suction")
+class LowSuction(Suction):
+    """A suction cup that carries a body slowly and just over the table, as CLIPort does with a rope."""
+
+    @override
+    def _attach(self, body: int) -> None:
+        super()._attach(body)
+        self.travel_height = float(self._target[2]) + LOW_LIFT
+        self.stride = SLOW_STRIDE
+
+    @override
+    def _release(self) -> None:
+        super()._release()
+        self.travel_height = CLEARANCE
+        self.stride = STRIDE
 
 
 @EFFECTORS.register("jaw")

@@ -35,6 +35,8 @@ class FloatingTool:
     Attributes:
         id: the id of its body.
         held: the id of the body that it carries, or None.
+        travel_height: height (m) at which it travels now.
+        stride: metres per simulation step at which it travels now.
         trace: its states during its motions, one every `LOG_EVERY` simulation steps. The owner clears it.
 
     Args:
@@ -57,6 +59,8 @@ class FloatingTool:
         self._target = np.array(parked)
         self._yaw = 0.0
         self.held: int | None = None
+        self.travel_height = CLEARANCE
+        self.stride = STRIDE
         self.trace: list[GripperState] = []
         self._clock = 0
 
@@ -70,7 +74,7 @@ class FloatingTool:
         self._rise()
         # The shorter of the two turns; the tool turns while it travels.
         yaw = self._yaw + wrap(pose.yaw - self._yaw)
-        self._move(np.array([pose.x, pose.y, CLEARANCE]), yaw)
+        self._move(np.array([pose.x, pose.y, self.travel_height]), yaw, self.stride)
 
     def park(self) -> None:
         """Leave the view of the cameras."""
@@ -82,7 +86,7 @@ class FloatingTool:
         return {contact[other_body] for contact in contacts if contact[distance] <= 0} - without
 
     def _rise(self) -> None:
-        self._move(np.array([*self._target[:2], CLEARANCE]), self._yaw)
+        self._move(np.array([*self._target[:2], self.travel_height]), self._yaw, self.stride)
 
     def _descend(self, touching: Callable[[], set[int]], above: float = 0.0) -> set[int]:
         """Go down in strides of 1 mm until the tool touches a body or its lower end is ``above`` (m) the table.

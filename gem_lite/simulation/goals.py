@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -28,7 +29,7 @@ def target_pose(environment: Environment, target: Target) -> Pose2:
 
 
 class Metric(Protocol):
-    """Decides whether a body is at its target.
+    """Decides how far a body is at its target.
 
     Attributes:
         symmetry: the smallest turn (radians) of a placed body that changes nothing; 0 if every yaw is right.
@@ -39,8 +40,8 @@ class Metric(Protocol):
         """See above."""
         ...
 
-    def reached(self, environment: Environment, body: Body, target: Target) -> bool:
-        """Whether a body is at a target."""
+    def share(self, environment: Environment, body: Body, target: Target) -> float:
+        """The share of a body that is at a target, in [0, 1]. The body is there if it is 1."""
         ...
 
 
@@ -63,14 +64,14 @@ class PoseMetric:
     height: float | None = None
     height_distance: float = 0.01
 
-    def reached(self, environment: Environment, body: Body, target: Target) -> bool:
-        """Whether a body is at a target."""
+    def share(self, environment: Environment, body: Body, target: Target) -> float:
+        """1 if a body is at a target, else 0."""
         pose, z = environment.pose(body)
         offset = target_pose(environment, target).inverse() @ pose
         near = math.hypot(offset.x, offset.y) < self.distance
         right_height = self.height is None or abs(z - self.height) < self.height_distance
         right_yaw = angle_off(offset.yaw, self.symmetry) < self.yaw
-        return near and right_height and right_yaw
+        return float(near and right_height and right_yaw)
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,48 @@ class ZoneMetric:
         """0: every yaw is right."""
         return 0.0
 
-    def reached(self, environment: Environment, body: Body, target: Target) -> bool:
-        """Whether a body is at a target."""
+    def share(self, environment: Environment, body: Body, target: Target) -> float:
+        """1 if a body is at a target, else 0."""
         pose, z = environment.pose(body)
         offset = target_pose(environment, target).inverse() @ pose
-        return abs(offset.x) < self.size[0] / 2 and abs(offset.y) < self.size[1] / 2 and z < self.height
+        return float(abs(offset.x) < self.size[0] / 2 and abs(offset.y) < self.size[1] / 2 and z < self.height)
+
+
+@dataclass(frozen=True)
+class VolumeMetric:
+    """CLIPort's zone metric: the share of a body's volume that is inside a box round the origin of another body.
+
+    The volume is sampled: a grid of points fills the body's bounding box, starting at its lowest corner. A body's
+    target says where an expert puts it; it does not change the share.
+
+    Attributes:
+        zone: the body in the middle of the box.
+        size: the box's sides (m) along the zone's x and y axes.
+        height: the box's height (m) above the table.
+        extents: the sides (m) of each body's bounding box in its own frame, by its id.
+        symmetry: the smallest turn (radians) of a placed body that changes nothing; 0 if every yaw is right.
+        spacing: the distance (m) of neighbouring points of the grid.
+    """
+
+    zone: Body
+    size: tuple[float, float]
+    height: float
+    extents: Mapping[int, tuple[float, float, float]]
+    symmetry: float = 0.0
+    spacing: float = 0.02
+
+    def share(self, environment: Environment, body: Body, target: Target) -> float:
+        """The share of the grid's points that are inside."""
+        axes = [np.arange(-side / 2, side / 2, self.spacing) for side in self.extents[body.id]]
+        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+        position, turn = environment.placement(body)
+        in_world = points @ turn.T + position
+        zone = environment.pose(self.zone)[0]
+        cosine = math.cos(zone.yaw)
+        sine = math.sin(zone.yaw)
+        in_zone = (in_world[:, :2] - (zone.x, zone.y)) @ np.array([[cosine, -sine], [sine, cosine]])
+        inside = (np.abs(in_zone) < np.array(self.size) / 2).all(axis=1) & (in_world[:, 2] < self.height)
+        return float(inside.mean())
 
 
 @dataclass(frozen=True)
@@ -110,6 +148,8 @@ class Goal:
         grasp: the pose of the expert's grasp, in the body's frame.
         grasp_symmetry: the smallest turn (radians) of the tool about that point that does not change the grasp; 0 if
             every yaw is right.
+        matches: for each body, the numbers of the targets to which it may go; by default it may go to all of them.
+        rotations: whether the expert may turn the body. If not, the body keeps its yaw wherever the tool holds it.
     """
 
     sentence: str
@@ -119,16 +159,34 @@ class Goal:
     share: float = 1.0
     grasp: Pose2 = MIDDLE
     grasp_symmetry: float = 0.0
+    matches: tuple[tuple[int, ...], ...] | None = None
+    rotations: bool = True
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """(bodies, targets) bool: which body may go to which target."""
+        shape = (len(self.bodies), len(self.targets))
+        if self.matches is None:
+            return np.ones(shape, bool)
+        allowed = np.zeros(shape, bool)
+        for body, numbers in enumerate(self.matches):
+            allowed[body, list(numbers)] = True
+        return allowed
+
+    def shares(self, environment: Environment) -> np.ndarray:
+        """(bodies, targets): the share of each body that is at each of its targets, in [0, 1]."""
+        shares = np.zeros((len(self.bodies), len(self.targets)))
+        for body, target in np.argwhere(self.allowed):
+            shares[body, target] = self.metric.share(environment, self.bodies[body], self.targets[target])
+        return shares
 
     def at_targets(self, environment: Environment) -> np.ndarray:
         """(bodies, targets) bool: which body is at which target."""
-        return np.array(
-            [[self.metric.reached(environment, body, target) for target in self.targets] for body in self.bodies]
-        )
+        return self.shares(environment) == 1
 
     def done(self, environment: Environment) -> float:
-        """The share of the bodies that are at a target, in [0, 1]."""
-        return float(self.at_targets(environment).any(axis=1).mean())
+        """The mean over the bodies of the share that is at a target, in [0, 1]."""
+        return float(self.shares(environment).max(axis=1).mean())
 
     def placed(self, environment: Environment) -> set[int]:
         """The ids of the bodies that are at a target."""
@@ -138,7 +196,7 @@ class Goal:
     def next_move(self, environment: Environment) -> tuple[Body, Target]:
         """The body that is farthest from its nearest free target, and that target.
 
-        A target is free if no body of the goal is at it. If no target is free, all targets are used.
+        A target is free if no body of the goal is at it. A body whose targets are all taken may use any of them.
 
         Raises:
             ValueError: every body is at a target.
@@ -147,15 +205,15 @@ class Goal:
         waiting = np.flatnonzero(~at_targets.any(axis=1))
         if len(waiting) == 0:
             raise ValueError(f"the goal {self.sentence!r} is reached: no body is left to move")
-        free = np.flatnonzero(~at_targets.any(axis=0))
-        if len(free) == 0:
-            free = np.arange(len(self.targets))
+        free = self.allowed & ~at_targets.any(axis=0)
+        free = np.where(free.any(axis=1, keepdims=True), free, self.allowed)
         bodies = _positions([environment.pose(body)[0] for body in self.bodies])
         targets = _positions([target_pose(environment, target) for target in self.targets])
-        distances = np.linalg.norm(bodies[waiting, None] - targets[free], axis=-1)
+        distances = np.linalg.norm(bodies[:, None] - targets, axis=-1)
+        distances = np.where(free, distances, np.inf)[waiting]
         farthest = int(distances.min(axis=1).argmax())
         nearest = int(distances[farthest].argmin())
-        return self.bodies[waiting[farthest]], self.targets[free[nearest]]
+        return self.bodies[waiting[farthest]], self.targets[nearest]
 
 
 def _positions(poses: list[Pose2]) -> np.ndarray:
@@ -167,7 +225,8 @@ def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:
     """The expert's next pick and place for a goal that is not reached.
 
     The expert grasps the body at `Goal.grasp`, with the body's yaw. It turns the body by the smallest angle that makes
-    the yaw right. If every yaw is right, the tool keeps its yaw and brings the grasped point to the target's origin.
+    the yaw right. If every yaw is right, the tool keeps its yaw and brings the grasped point to the target's origin. A
+    body of a goal without rotations keeps its yaw, and its own origin comes to the target's.
 
     Raises:
         ValueError: the goal is reached.
@@ -177,7 +236,10 @@ def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:
     goal_pose = target_pose(environment, target)
     symmetry = goal.metric.symmetry
     pick = body_pose @ goal.grasp
-    if symmetry == 0:
+    if not goal.rotations:
+        place = Pose2(goal_pose.x, goal_pose.y, body_pose.yaw) @ goal.grasp
+        symmetry = FULL_TURN
+    elif symmetry == 0:
         place = Pose2(goal_pose.x, goal_pose.y, pick.yaw)
     elif symmetry == FULL_TURN:
         place = goal_pose @ goal.grasp
@@ -193,10 +255,13 @@ def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:
 def push(environment: Environment, goal: Goal) -> ExpertAction:
     """The expert's next push for a goal that is not reached: from the farthest body straight to its target.
 
+    A push begins on the table, even if the body lies beside it.
+
     Raises:
         ValueError: the goal is reached.
     """
     body, target = goal.next_move(environment)
     start, table = environment.on_table(environment.pose(body)[0])
+    start = environment.workspace.nearest_pose(start)
     end, _ = environment.on_table(target_pose(environment, target))
     return ExpertAction(Push(start, end, table))

@@ -14,19 +14,23 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import household, playthings
+from gem_lite.simulation import animals_and_food, household, playthings, toybox
 from gem_lite.simulation.shapes import Body, create_compound, triangles
 from gem_lite.simulation.solids import RGBA, Maker, Part
 
 TRAINING_VARIANTS = 12
 """The embedded CLIP was trained on the variants 0 .. 11 and on no others."""
 
-_MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS
+_MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS | animals_and_food.MAKERS | toybox.MAKERS
 NAMES: tuple[str, ...] = (
     "mug", "hammer", "screwdriver", "banana", "scissors", "bottle", "spoon", "fork", "knife", "pan", "spatula",
     "brush", "wrench", "magnifying glass", "flashlight", "key", "headphones", "teapot", "toy car", "airplane", "duck",
     "dumbbell", "hat", "glasses", "pear", "carrot", "lollipop", "pencil", "mushroom", "wine glass", "chair",
     "sailboat", "lamp",
+    "fish", "turtle", "rabbit", "butterfly", "crab", "snail", "elephant", "whale", "apple", "donut", "ice cream",
+    "pizza slice", "cheese", "cherries", "hamburger", "corn", "toy train", "rocket", "robot", "drum", "guitar",
+    "trumpet", "truck", "teddy bear", "pliers", "saw", "axe", "shovel", "tape roll", "stapler", "clamp", "paint roller",
+    "ladle", "rolling pin", "whisk", "salt shaker",
 )  # fmt: skip
 """New names must go to the end of this list, because an object's variants depend on its place in it."""
 
@@ -53,6 +57,13 @@ def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
     for part in pieces:
         part.mesh.apply_translation(shift)
     return tuple(pieces)
+
+
+@cache
+def extents(name: str, variant: int = 0) -> tuple[float, float, float]:
+    """The sides (m) of an object's bounding box in its own frame. Raises ValueError as `parts`."""
+    x, y, z = trimesh.util.concatenate([part.mesh for part in parts(name, variant)]).extents.tolist()
+    return x, y, z
 
 
 def part_names(name: str) -> tuple[str, ...]:

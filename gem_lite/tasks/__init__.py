@@ -2,12 +2,18 @@
 
 from gem_lite.simulation.task import Split, Task
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
+    align_rope,
+    assembling_kits,
     bars_in_box,
     block_insertion,
     object_sorting,
+    packing_box_pairs,
+    packing_objects,
     packing_shapes,
     put_block_in_bowl,
+    separating_piles,
     stack_block_pyramid,
+    towers_of_hanoi,
 )
 from gem_lite.tasks.registry import SPLITS, family, make, names, register, variants
 

@@ -120,3 +120,38 @@ def put_brown_box(
     pose = free.take(math.hypot(x, y) / 2)
     box = environment.add(trays.add_container(environment.client, (x, y), colors.rgba("brown"), pose, height))
     return box, ZoneMetric((x, y), height)
+
+
+MARGIN = 0.01
+"""Free space (m) along the walls of a brown box, and between the cells of its floor."""
+
+
+def split_floor(
+    rng: np.random.Generator, sides: tuple[float, float], shortest: float
+) -> list[tuple[Pose2, tuple[float, float]]]:  # fmt: skip
+    """Cut the floor of a box into cells at random, as CLIPort does. A side of more than twice ``shortest`` is cut.
+
+    Args:
+        sides: the sides (m) of the box.
+        shortest: a cut is at least this far (m) from both ends of the side.
+
+    Returns:
+        For each cell, its middle in the box's frame and its sides (m).
+    """
+    uncut = [np.array([[MARGIN - side / 2, side / 2 - MARGIN] for side in sides])]  # (2 axes, 2 ends)
+    cells = []
+    while uncut:
+        cell = uncut.pop()
+        lengths = cell[:, 1] - cell[:, 0]
+        long = np.flatnonzero(lengths > 2 * shortest)
+        if len(long) == 0:
+            middle = cell.mean(axis=1)
+            cells.append((Pose2(float(middle[0]), float(middle[1])), (float(lengths[0]), float(lengths[1]))))
+            continue
+        axis = int(rng.choice(long))
+        cut = rng.uniform(cell[axis, 0] + shortest, cell[axis, 1] - shortest)
+        for end, border in ((1, cut - MARGIN / 2), (0, cut + MARGIN / 2)):
+            part = cell.copy()
+            part[axis, end] = border
+            uncut.append(part)
+    return cells

@@ -1,0 +1,50 @@
+"""A pile of small cubes, and the square outlines into which a spatula pushes it, after CLIPort."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import pybullet as p
+import trimesh
+from shapely.geometry import box
+
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.shapes import Body, create_body, create_visual
+from gem_lite.simulation.solids import RGBA
+
+CUBE = 0.01
+"""Side (m) of a cube of a pile."""
+CUBES = 50
+SQUARE = 0.12
+"""Side (m) of a square, measured outside."""
+LINE = 0.006
+"""Width (m) of a square's outline."""
+PRINT = 0.001
+"""Height (m) of the outline over the table."""
+
+
+def add_pile(client: int, color: RGBA, poses: Sequence[Pose2]) -> list[Body]:
+    """Put movable cubes on the table, one at each pose. They may start inside each other's space; then they part."""
+    half = (CUBE / 2,) * 3
+    bodies = []
+    for pose in poses:
+        collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
+        bodies.append(create_body(client, collision, visual, pose, CUBE / 2, 0.001, True, friction=0.5))
+    return bodies
+
+
+@cache
+def square_mesh() -> trimesh.Trimesh:
+    """A square outline, flat."""
+    outer = SQUARE / 2
+    inner = outer - LINE
+    frame = box(-outer, -outer, outer, outer).difference(box(-inner, -inner, inner, inner))
+    return trimesh.creation.extrude_polygon(frame, PRINT)
+
+
+def add_square(client: int, color: RGBA, pose: Pose2) -> Body:
+    """Draw a square outline on the table. It is fixed, and other bodies do not touch it."""
+    visual = create_visual(client, square_mesh(), color, PRINT / 2)
+    return create_body(client, -1, visual, pose, PRINT / 2, 0.0, movable=False)

@@ -1,0 +1,198 @@
+"""Letter tiles, and blocks and towels with a pattern: bodies in a colour and in an ink that stands out from it."""
+
+from __future__ import annotations
+
+from functools import cache
+from string import ascii_uppercase, digits
+
+import numpy as np
+import pybullet as p
+import trimesh
+from shapely import affinity
+from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from gem_lite.se2 import Pose2, quaternion
+from gem_lite.simulation.shapes import BLOCK_SIZE, Body, create_compound, create_visual, letter_outline
+from gem_lite.simulation.solids import RGBA, slab
+
+LETTERS = tuple(f"letter {letter}" for letter in ascii_uppercase)
+DIGITS = tuple(f"digit {digit}" for digit in digits)
+TILES = LETTERS + DIGITS
+"""The names of all tiles."""
+TEXTURES = ("striped", "dotted", "checkered")
+"""The names of all patterns."""
+
+TILE_SIZE = (0.048, 0.048, 0.012)
+TOWEL_SIZE = (0.09, 0.06, 0.008)
+TOWEL_CORNER = 0.01
+"""The radius (m) of a towel's corners."""
+GLYPH = (0.042, 0.034)
+"""The largest width and height (m) of a glyph on its tile."""
+BAR = (0.018, 0.0035)
+"""Width and height (m) of the bar below a glyph."""
+BAR_GAP = 0.003
+STRIPE = 0.008
+DOT = 0.008
+DOT_GRID = 0.0133
+CHECK = 0.01
+"""Width (m) of a stripe, of a dot, of the dots' grid and of a check. All but a dot change a little to fit a face."""
+SUNK = 0.0004
+"""The solid core lies this deep (m) below the cut faces, so that nothing shows through their seams."""
+
+DARK_INK: RGBA = (0.06, 0.06, 0.06, 1.0)
+WHITE_INK: RGBA = (0.95, 0.95, 0.95, 1.0)
+
+Meshes = tuple[trimesh.Trimesh, trimesh.Trimesh]
+"""What has the body's colour, and what has the ink's. They are centred on the body's origin."""
+
+
+def ink_on(color: RGBA) -> RGBA:
+    """The ink that is easy to see on a colour: dark on light colours, white on dark ones."""
+    red, green, blue = color[:3]
+    return DARK_INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else WHITE_INK
+
+
+def add_tile(client: int, name: str, color: RGBA, pose: Pose2) -> Body:
+    """A flat square tile with a capital letter or a digit on it. A bar below the glyph tells 6 from 9, and M from W.
+
+    Raises:
+        ValueError: the name is unknown.
+    """
+    if name not in TILES:
+        raise ValueError(
+            f"name must be {TILES[0]!r} to {LETTERS[-1]!r} or {DIGITS[0]!r} to {TILES[-1]!r}, got {name!r}"
+        )
+    return _add(client, _tile(name), TILE_SIZE, color, pose, mass=0.02)
+
+
+def add_textured_block(
+    client: int, texture: str, color: RGBA, pose: Pose2, size: tuple[float, float, float] = (BLOCK_SIZE,) * 3
+) -> Body:
+    """A box of ``size`` (x, y, z metres) with a pattern on all faces but the lowest.
+
+    Raises:
+        ValueError: the texture is unknown.
+    """
+    _check_texture(texture)
+    return _add(client, _block(texture, size), size, color, pose, mass=0.01)
+
+
+def add_towel(client: int, texture: str, color: RGBA, pose: Pose2) -> Body:
+    """A folded towel: flat, with round corners, and with a pattern on its upper face.
+
+    Raises:
+        ValueError: the texture is unknown.
+    """
+    _check_texture(texture)
+    return _add(client, _towel(texture), TOWEL_SIZE, color, pose, mass=0.02)
+
+
+def _check_texture(texture: str) -> None:
+    if texture not in TEXTURES:
+        raise ValueError(f"texture must be one of {', '.join(TEXTURES)}, got {texture!r}")
+
+
+def _add(
+    client: int, meshes: Meshes, size: tuple[float, float, float], color: RGBA, pose: Pose2, mass: float
+) -> Body:  # fmt: skip
+    """A movable body whose contact shape is one box."""
+    half = [side / 2 for side in size]
+    collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    colored = zip(meshes, (color, ink_on(color)), strict=True)
+    visuals = [create_visual(client, mesh, rgba, lower=0.0) for mesh, rgba in colored]
+    body = create_compound(client, collision, visuals, ((pose.x, pose.y, half[2]), quaternion(pose.yaw)), mass)
+    p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
+    return Body(body, half[2], movable=True)
+
+
+# Areas
+
+
+@cache
+def tile_ink(name: str) -> BaseGeometry:
+    """The area (metres, centred) of the glyph and the bar on a tile, upright along +y."""
+    glyph = letter_outline(name.split()[1], GLYPH[1])
+    x0, _, x1, _ = glyph.bounds
+    shrink = min(1.0, GLYPH[0] / (x1 - x0))
+    glyph = affinity.scale(glyph, shrink, shrink, origin=(0, 0))
+    low = -(GLYPH[1] + BAR_GAP + BAR[1]) / 2
+    glyph = affinity.translate(glyph, 0, low + BAR[1] + BAR_GAP + GLYPH[1] / 2)
+    return unary_union([glyph, box(-BAR[0] / 2, low, BAR[0] / 2, low + BAR[1])])
+
+
+@cache
+def pattern(texture: str, width: float, height: float) -> BaseGeometry:
+    """The area (metres, centred) of the ink on a face. The stripes are upright."""
+    if texture == "striped":
+        count = 2 * round((width / STRIPE - 1) / 2) + 1  # odd: the outer stripes have the body's colour
+        edges = np.linspace(-width / 2, width / 2, max(3, count) + 1)
+        return unary_union([box(edges[i], -height / 2, edges[i + 1], height / 2) for i in range(1, len(edges) - 2, 2)])
+    pitch = CHECK if texture == "checkered" else DOT_GRID
+    columns, rows = (max(1, round(side / pitch)) for side in (width, height))
+    dx, dy = width / columns, height / rows
+
+    def corner(i: int, j: int) -> tuple[float, float]:
+        return i * dx - width / 2, j * dy - height / 2
+
+    if texture == "checkered":
+        cells = [(i, j) for i in range(columns) for j in range(rows) if (i + j) % 2 == 0]
+        return unary_union([box(*corner(i, j), *corner(i + 1, j + 1)) for i, j in cells])
+    inner = [corner(i, j) for i in range(1, columns) for j in range(1, rows)]
+    middles = [(x + dx / 2, y + dy / 2) for x, y in (corner(i, j) for i in range(columns) for j in range(rows))]
+    return unary_union([_dot(x, y) for x, y in inner + middles])
+
+
+def _dot(x: float, y: float) -> Polygon:
+    angles = 2 * np.pi * np.arange(10) / 10
+    return Polygon(np.stack([x + DOT / 2 * np.cos(angles), y + DOT / 2 * np.sin(angles)], axis=1))
+
+
+# Meshes
+
+
+def _upper(area: BaseGeometry, z: float) -> trimesh.Trimesh:
+    """An area as a flat sheet at a height, to be seen from above."""
+    mesh = slab(area, z - SUNK, z)
+    mesh.update_faces(mesh.face_normals[:, 2] > 0.5)
+    return mesh
+
+
+def _flat(outline: Polygon, ink: BaseGeometry, thickness: float) -> Meshes:
+    """A plate with an inked area on its upper face."""
+    top = thickness / 2
+    sides = slab(outline, -top, top)
+    sides.update_faces(sides.face_normals[:, 2] < 0.5)
+    core = _upper(outline, top - SUNK)
+    ink = ink.intersection(outline)
+    return trimesh.util.concatenate([sides, core, _upper(outline.difference(ink), top)]), _upper(ink, top)
+
+
+@cache
+def _tile(name: str) -> Meshes:
+    width, depth, thickness = TILE_SIZE
+    return _flat(box(-width / 2, -depth / 2, width / 2, depth / 2), tile_ink(name), thickness)
+
+
+@cache
+def _towel(texture: str) -> Meshes:
+    width, depth, thickness = TOWEL_SIZE
+    x, y = width / 2 - TOWEL_CORNER, depth / 2 - TOWEL_CORNER
+    return _flat(box(-x, -y, x, y).buffer(TOWEL_CORNER, 6), pattern(texture, width, depth), thickness)
+
+
+@cache
+def _block(texture: str, size: tuple[float, float, float]) -> Meshes:
+    x, y, z = size
+    plain = [trimesh.creation.box(np.subtract(size, 2 * SUNK))]
+    inked = []
+    upright = trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))  # the face then looks along -y
+    turns = [trimesh.transformations.rotation_matrix(i * np.pi / 2, (0, 0, 1)) @ upright for i in range(4)]
+    faces = [(x, y, z, np.eye(4)), *((*((x, z, y) if i % 2 == 0 else (y, z, x)), turns[i]) for i in range(4))]
+    for width, height, distance, turn in faces:
+        ink = pattern(texture, width, height)
+        rest = box(-width / 2, -height / 2, width / 2, height / 2).difference(ink)
+        plain.append(_upper(rest, distance / 2).apply_transform(turn))
+        inked.append(_upper(ink, distance / 2).apply_transform(turn))
+    return trimesh.util.concatenate(plain), trimesh.util.concatenate(inked)

@@ -1,0 +1,94 @@
+"""assembling-kits-seq: "put the red letter R shape in the left letter R shape hole", after CLIPort."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from typing_extensions import override
+
+from gem_lite import colors
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import kits, shapes
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.goals import Goal, PoseMetric
+from gem_lite.simulation.task import Split, Task
+from gem_lite.tasks.packing_shapes import ROUND, TURNS, grasp_point
+from gem_lite.tasks.registry import register
+from gem_lite.tasks.spawn import FreeSpace
+
+TOLERANCE = 0.01
+YAW_TOLERANCE = math.radians(15)
+KIT_RADIUS = math.hypot(*kits.KIT_SIZE[:2]) / 2
+PIECE_RADIUS = 0.042
+
+
+def location(hole: Pose2, twins: Sequence[Pose2]) -> str:
+    """The word that tells a hole from others of the same shape, in the height map's directions; "" without twins.
+
+    Left is towards smaller x, top towards larger y. A hole is the "top" one if it is above each twin by more than
+    it is beside it, and so on; a hole to which no word fits is the "middle" one.
+    """
+    if not twins:
+        return ""
+    right = [hole.x - twin.x for twin in twins]
+    up = [hole.y - twin.y for twin in twins]
+    vertical = [abs(dy) > abs(dx) for dx, dy in zip(right, up, strict=True)]
+    if all(vertical) and min(up) > 0:
+        return "top"
+    if all(vertical) and max(up) < 0:
+        return "bottom"
+    if max(right) < 0:
+        return "left"
+    if min(right) > 0:
+        return "right"
+    return "middle"
+
+
+@register("assembling-kits-seq", {"seen-colors": {}, "unseen-colors": {"unseen": True}})
+class AssemblingKits(Task):
+    """A board with five holes and the five pieces, in any order of sentences; each piece has one right hole.
+
+    Shapes may occur more than once; then the sentence says which hole. In validation and test, both variants have
+    unseen shapes, as in CLIPort; the variants differ in the colours. A piece that is put wrongly is not put again.
+    """
+
+    max_steps = len(kits.SPOTS)
+
+    def __init__(self, split: Split = "train", unseen: bool = False) -> None:
+        super().__init__(split, unseen)
+        self.shapes = shapes.SEEN_SHAPES if split == "train" else shapes.UNSEEN_SHAPES
+
+    @override
+    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
+        free = FreeSpace(environment.workspace, rng, environment.style)
+        kit_pose = free.take(KIT_RADIUS)
+        count = len(kits.SPOTS)
+        names = [str(name) for name in rng.choice(self.shapes, count)]
+        yaws = rng.uniform(-math.pi, math.pi, count).tolist()
+        board, holes = kits.add_full_kit(environment.client, kit_pose, names, yaws)
+        self.names[environment.add(board).id] = "kit"
+        for hole, name in zip(holes, names, strict=True):
+            self.names[environment.add(hole).id] = f"{name} hole"
+        palette = colors.UNSEEN if self.unseen else colors.SEEN
+        self.named_colors = tuple(str(color) for color in rng.choice(palette, count, replace=False))
+        places = [environment.pose(hole)[0] for hole in holes]
+        goals = []
+        for number in rng.permutation(count):
+            name = names[number]
+            color = self.named_colors[number]
+            mesh = shapes.piece_mesh(name)
+            pose = free.take(PIECE_RADIUS)
+            piece = environment.add(shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose))
+            self.names[piece.id] = f"{color} {name}"
+            twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
+            where = f"{location(places[number], twins)} {name} hole".strip()
+            symmetry = 0.0 if name in ROUND else 2 * math.pi / TURNS.get(name, 1)
+            metric = PoseMetric(TOLERANCE, symmetry, YAW_TOLERANCE)
+            sentence = f"put the {color} {name} in the {where}"
+            grasp = Pose2(*grasp_point(name))
+            # The tool holds a ring off its centre, so a round piece must keep its yaw.
+            goal = Goal(sentence, (piece,), (holes[number],), metric, 1.0, grasp, symmetry, rotations=symmetry > 0)
+            goals.append(goal)
+        return goals

@@ -1,0 +1,51 @@
+"""separating-piles: "push the pile of red blocks into the green square", after CLIPort."""
+
+from __future__ import annotations
+
+import numpy as np
+from typing_extensions import override
+
+from gem_lite import colors
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import piles
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.goals import Goal, ZoneMetric
+from gem_lite.simulation.task import Task
+from gem_lite.tasks.registry import register
+from gem_lite.tasks.spawn import FreeSpace
+
+SCORED = (0.15, 0.15)
+"""Sides (m) of the area that counts. It is larger than the drawn square, as in CLIPort."""
+SPREAD = 0.1
+"""The cubes lie at most this far (m) from the table's middle, in x and in y."""
+SQUARE_RADIUS = 0.1
+"""The middles of the squares are at least twice this far (m) apart."""
+
+
+@register("separating-piles", {"seen-colors": {}, "unseen-colors": {"unseen": True}})
+class SeparatingPiles(Task):
+    """A pile of 50 small cubes and two squares, in three colours. A spatula pushes the pile into the named square."""
+
+    effector = "spatula"
+    max_steps = 20
+
+    @override
+    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
+        palette = colors.UNSEEN if self.unseen else colors.SEEN
+        square, other, pile = (str(name) for name in rng.choice(palette, 3, replace=False))
+        self.named_colors = (pile, square)
+        w = environment.workspace
+        free = FreeSpace(w, rng, environment.style, gap=0.0)
+        squares = []
+        for color in (square, other):
+            body = piles.add_square(environment.client, colors.rgba(color), free.take(SQUARE_RADIUS))
+            squares.append(environment.add(body))
+            self.names[body.id] = f"{color} square"
+        middle = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+        offsets = rng.uniform(-SPREAD, SPREAD, (piles.CUBES, 2))
+        yaws = rng.uniform(-np.pi, np.pi, piles.CUBES)
+        poses = [middle @ Pose2(float(x), float(y), float(yaw)) for (x, y), yaw in zip(offsets, yaws, strict=True)]
+        cubes = [environment.add(cube) for cube in piles.add_pile(environment.client, colors.rgba(pile), poses)]
+        self.names |= {cube.id: f"pile of {pile} blocks" for cube in cubes}
+        sentence = f"push the pile of {pile} blocks into the {square} square"
+        return [Goal(sentence, tuple(cubes), (squares[0],), ZoneMetric(SCORED, w.z_max))]

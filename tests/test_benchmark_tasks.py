@@ -1,0 +1,317 @@
+"""CLIPort's families beside those of test_tasks.py: layouts, sentences, scores and experts."""
+
+import math
+
+import numpy as np
+import pybullet as p
+import pytest
+
+from gem_lite import colors, language, tasks
+from gem_lite.actions import PickPlace, Push
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands
+from gem_lite.simulation.goals import VolumeMetric
+from gem_lite.tasks import assembling_kits, packing_box_pairs, packing_objects, spawn
+
+VARIANTS = (
+    "align-rope",
+    "assembling-kits-seq-seen-colors",
+    "assembling-kits-seq-unseen-colors",
+    "packing-box-pairs-seen-colors",
+    "packing-box-pairs-unseen-colors",
+    "packing-google-objects-seq-seen",
+    "packing-google-objects-seq-unseen",
+    "packing-google-objects-group-seen",
+    "packing-google-objects-group-unseen",
+    "packing-shapes-unseen",
+    "put-block-in-bowl-seen-colors",
+    "put-block-in-bowl-unseen-colors",
+    "separating-piles-seen-colors",
+    "separating-piles-unseen-colors",
+    "stack-block-pyramid-seq-seen-colors",
+    "stack-block-pyramid-seq-unseen-colors",
+    "towers-of-hanoi-seq-seen-colors",
+    "towers-of-hanoi-seq-unseen-colors",
+)
+NEW = [name for name in VARIANTS if not name.startswith(("packing-shapes", "put-block", "stack-block"))]
+ROPE, KITS, PAIRS = "align-rope", "assembling-kits-seq-seen-colors", "packing-box-pairs-seen-colors"
+SEQUENCE, GROUP = "packing-google-objects-seq-seen", "packing-google-objects-group-unseen"
+PILES, HANOI = "separating-piles-seen-colors", "towers-of-hanoi-seq-unseen-colors"
+
+
+def lay_out(world, name, index=0, split="val"):
+    task = tasks.make(name, split)
+    world.reset(task, tasks.episode_seed(split, index))
+    return task
+
+
+def play(world, task):
+    """Let the expert play to the end. Returns the sentences and the actions."""
+    sentences, actions = [], []
+    while (expert := task.expert(world)) is not None:
+        sentences.append(task.instruction)
+        actions.append(expert.action)
+        if world.step(expert.action).done:
+            break
+    return sentences, actions
+
+
+# All families --------------------------------------------------------------------------------------------
+
+
+def test_all_eighteen_variants_of_the_paper_are_registered():
+    assert len(VARIANTS) == 18
+    assert set(VARIANTS) <= set(tasks.names())
+
+
+@pytest.mark.parametrize("name", NEW)
+def test_the_expert_solves_an_episode_and_the_grammar_reads_every_sentence(blind, name):
+    task = lay_out(blind, name)
+    assert task.score(blind) < 0.3
+    sentences, actions = play(blind, task)
+    assert task.score(blind) == pytest.approx(1.0, abs=0.01)
+    assert len(actions) <= task.max_steps
+    for sentence, action in zip(sentences, actions, strict=True):
+        queries = language.parse(sentence)
+        assert queries.push == isinstance(action, Push) == name.startswith("separating")
+        assert queries.pick and queries.place
+
+
+@pytest.mark.parametrize("name", NEW)
+def test_one_seed_is_one_layout_and_every_body_has_a_name(blind, name):
+    def described(index):
+        task = lay_out(blind, name, index)
+        assert set(task.names) == {body.id for body in blind.bodies}
+        return task.instruction, list(task.names.values()), [blind.pose(body) for body in blind.bodies]
+
+    assert described(3) == described(3)
+    assert described(3)[2] != described(4)[2]
+
+
+@pytest.mark.parametrize(
+    "family", ["assembling-kits-seq", "packing-box-pairs", "separating-piles", "towers-of-hanoi-seq"]
+)
+def test_unseen_variants_name_other_colours_in_tests_alone(blind, family):
+    def named(variant, split):
+        return {
+            color for index in range(12) for color in lay_out(blind, f"{family}-{variant}", index, split).named_colors
+        }
+
+    assert named("unseen-colors", "train") <= set(colors.SEEN)
+    assert named("seen-colors", "test") <= set(colors.SEEN)
+    assert named("unseen-colors", "test") <= set(colors.UNSEEN)
+    assert named("unseen-colors", "test") & set(colors.NEW)
+
+
+# align-rope ----------------------------------------------------------------------------------------------
+
+
+def test_the_rope_keeps_its_length(blind):
+    task = lay_out(blind, ROPE)
+    play(blind, task)
+    beads = np.array([(blind.pose(body)[0].x, blind.pose(body)[0].y) for body in blind.bodies if body.movable])
+    assert len(beads) == ropes.BEADS
+    gaps = np.linalg.norm(np.diff(beads, axis=0), axis=1)
+    assert gaps.mean() == pytest.approx(ropes.SPACING, rel=0.15)
+
+
+@pytest.mark.parametrize(("start", "end"), ropes.DIRECTIONS)
+def test_the_targets_of_a_rope_lie_evenly_between_two_corners(start, end):
+    places = ropes.targets(Pose2(0.5, 0.1, 0.0), start, end)
+    points = np.array([(place.x - 0.5, place.y - 0.1) for place in places]) / (ropes.LENGTH / 2)
+    assert len(points) == ropes.BEADS
+    step = (np.array(ropes.CORNERS[end]) - ropes.CORNERS[start]) / ropes.BEADS
+    assert np.allclose(np.diff(points, axis=0), step)
+    assert np.allclose(points[0], ropes.CORNERS[start] + step / 2)
+
+
+def test_a_rope_that_lies_the_other_way_round_is_aligned_too(blind):
+    task = lay_out(blind, ROPE)
+    (goal,) = task.goals
+    for bead, target in zip(goal.bodies, reversed(goal.targets), strict=True):
+        p.resetBasePositionAndOrientation(
+            bead.id, (target.x, target.y, bead.rest_height), (0, 0, 0, 1), physicsClientId=blind.client
+        )
+    assert task.score(blind) == 1.0
+    assert task.expert(blind) is None
+
+
+# assembling-kits-seq -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("hole", "twins", "word"),
+    [
+        (0, (), ""),
+        (0, (2,), "left"),
+        (2, (0, 1), "right"),
+        (1, (0, 2), "middle"),
+        (1, (3, 4), "top"),
+        (3, (1,), "bottom"),
+        (3, (4,), "left"),
+    ],
+)
+def test_a_word_tells_a_hole_from_its_twins(hole, twins, word):
+    spots = kits.SPOTS
+    assert assembling_kits.location(spots[hole], [spots[twin] for twin in twins]) == word
+
+
+def test_the_sentences_say_which_of_two_equal_holes(blind):
+    for index in range(20):
+        task = lay_out(blind, KITS, index)
+        names = [goal.sentence.split(" in the ")[1] for goal in task.goals]
+        nouns = [task.names[goal.targets[0].id] for goal in task.goals]
+        for name, noun in zip(names, nouns, strict=True):
+            assert (name == noun) == (nouns.count(noun) == 1)
+        if len(set(nouns)) < len(nouns):
+            assert len(set(names)) == len(names)
+            return
+    raise AssertionError("no kit had two equal holes")
+
+
+def test_tests_of_both_kit_variants_have_unseen_shapes(blind):
+    for variant in ("seen-colors", "unseen-colors"):
+        shown = set(lay_out(blind, f"assembling-kits-seq-{variant}", 1, "test").names.values()) - {"kit"}
+        nouns = {name.removesuffix(" hole") for name in shown if name.endswith(" hole")}
+        assert nouns <= set(shapes.UNSEEN_SHAPES)
+        trained = lay_out(blind, f"assembling-kits-seq-{variant}", 1, "train").names.values()
+        assert {name.removesuffix(" hole") for name in trained if name.endswith(" hole")} <= set(shapes.SEEN_SHAPES)
+
+
+def test_a_piece_in_the_wrong_yaw_is_not_in_its_hole(blind):
+    for index in range(20):
+        task = lay_out(blind, KITS, index)
+        goal = task.goals[0]
+        if goal.metric.symmetry == 2 * math.pi:
+            break
+    hole = blind.pose(goal.targets[0])[0]
+    for turn, share in ((0.0, 1.0), (math.radians(10), 1.0), (math.radians(20), 0.0), (math.pi, 0.0)):
+        quaternion = p.getQuaternionFromEuler((0, 0, hole.yaw + turn))
+        p.resetBasePositionAndOrientation(
+            goal.bodies[0].id, (hole.x, hole.y, 0.016), quaternion, physicsClientId=blind.client
+        )
+        assert goal.done(blind) == share
+
+
+# packing -------------------------------------------------------------------------------------------------
+
+
+def test_the_cells_of_a_floor_fit_into_it_and_do_not_overlap():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        sides = tuple(rng.uniform(0.05, 0.3, 2))
+        cells = spawn.split_floor(rng, sides, packing_box_pairs.SHORTEST)
+        boxes = np.array([[[m - s / 2, m + s / 2] for m, s in zip((c.x, c.y), size, strict=True)] for c, size in cells])
+        assert (np.abs(boxes) <= np.array(sides)[None, :, None] / 2 - spawn.MARGIN + 1e-9).all()
+        assert (boxes[..., 1] - boxes[..., 0] <= 2 * packing_box_pairs.SHORTEST + 1e-9).all()
+        for i, a in enumerate(boxes):
+            for b in boxes[:i]:
+                apart = np.maximum(a[:, 0] - b[:, 1], b[:, 0] - a[:, 1]).max()
+                assert apart >= spawn.MARGIN - 1e-9
+
+
+def test_every_block_of_the_named_colours_must_be_packed(blind):
+    task = lay_out(blind, PAIRS)
+    (goal,) = task.goals
+    named = {f"{color} block" for color in task.named_colors}
+    assert {body.id for body in goal.bodies} == {body for body, name in task.names.items() if name in named}
+    world_step = blind.step(task.expert(blind).action)
+    assert 0 < world_step.reward < 1
+    assert task.instruction == goal.sentence
+
+
+@pytest.mark.parametrize(("offset", "share"), [(0.0, 1.0), (0.06, 0.5), (0.2, 0.0)])
+def test_the_volume_metric_gives_the_share_inside(blind, stage, offset, share):
+    from functools import partial
+
+    def build(client):
+        return shapes.add_box(client, (0.08, 0.04, 0.04), colors.rgba("red"), Pose2(0.5 + offset, 0.0))
+
+    zone = partial(shapes.add_box, size=(0.02, 0.02, 0.001), color=colors.rgba("blue"), pose=Pose2(0.5, 0.0, 0.0))
+    (body, middle), _ = stage(build, lambda client: zone(client, movable=False))
+    metric = VolumeMetric(middle, (0.12, 0.12), 0.05, {body.id: (0.08, 0.04, 0.04)})
+    assert metric.share(blind, body, middle) == pytest.approx(share, abs=0.01)
+
+
+def test_unseen_objects_share_no_name_with_those_of_the_demonstrations(blind):
+    assert not set(packing_objects.SEEN) & set(packing_objects.UNSEEN)
+    assert set(packing_objects.SEEN) | set(packing_objects.UNSEEN) == set(objects.NAMES)
+    assert len(packing_objects.SEEN) >= 24 and len(packing_objects.UNSEEN) >= 12
+    for split, names in (("train", packing_objects.SEEN), ("test", packing_objects.UNSEEN)):
+        task = lay_out(blind, GROUP, 2, split)
+        shown = {name.split(" ", 1)[1] for name in task.names.values() if name != "brown box"}
+        assert shown <= set(names)
+
+
+def test_a_group_has_two_named_objects_and_two_of_another_name(blind):
+    for index in range(5):
+        task = lay_out(blind, GROUP, index)
+        (goal,) = task.goals
+        nouns = [task.names[body.id].split(" ", 1)[1] for body in goal.bodies]
+        assert len(nouns) >= 2 and len(set(nouns)) == 1
+        assert goal.sentence == f"pack all the {nouns[0]} objects in the brown box"
+
+
+def test_a_sequence_names_one_object_after_the_other(blind):
+    counts = set()
+    for index in range(6):
+        task = lay_out(blind, SEQUENCE, index)
+        assert len({goal.bodies[0].id for goal in task.goals}) == len(task.goals) == task.max_steps - 1
+        counts.add(len(task.goals))
+    assert len(counts) > 1
+
+
+# separating-piles ----------------------------------------------------------------------------------------
+
+
+def test_a_pile_earns_its_share_in_the_square(blind):
+    task = lay_out(blind, PILES)
+    (goal,) = task.goals
+    assert len(goal.bodies) == piles.CUBES
+    square = blind.pose(goal.targets[0])[0]
+    start = task.score(blind)
+    for cube in goal.bodies[:10]:
+        p.resetBasePositionAndOrientation(
+            cube.id, (square.x, square.y, 0.005), (0, 0, 0, 1), physicsClientId=blind.client
+        )
+    assert task.score(blind) == pytest.approx(start + 0.2)
+
+
+def test_a_pile_cannot_be_picked(blind):
+    lay_out(blind, PILES)
+    with pytest.raises(ValueError, match="must be a Push for the tool Spatula"):
+        blind.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.1)))
+
+
+# towers-of-hanoi-seq -------------------------------------------------------------------------------------
+
+
+def test_the_tower_moves_ring_by_ring_from_light_to_dark(blind):
+    task = lay_out(blind, HANOI)
+    sentences, actions = play(blind, task)
+    small, middle, large = task.named_colors
+    light, between, dark = stands.PLATES
+    assert sentences == [
+        f"move the {ring} ring to the {place}"
+        for ring, place in zip(
+            (small, middle, small, large, small, middle, small),
+            (dark, between, between, dark, light, dark, dark),
+            strict=True,
+        )
+    ]
+    assert all(action.delta == pytest.approx(0.0, abs=1e-6) for action in actions)
+    heights = sorted(blind.pose(body)[1] for body in blind.bodies if body.movable)
+    expected = [stands.PLATE[2] + (layer + 0.5) * stands.RING_HEIGHT for layer in range(3)]
+    assert heights == pytest.approx(expected, abs=0.002)
+
+
+def test_a_ring_really_hangs_round_its_peg(blind):
+    task = lay_out(blind, HANOI)
+    ring = task.goals[0].bodies[0]
+    pose = blind.pose(ring)[0]
+    velocity = (0.3, 0.0, 0.0)
+    for _ in range(60):
+        p.resetBaseVelocity(ring.id, velocity, physicsClientId=blind.client)
+        p.stepSimulation(physicsClientId=blind.client)
+    moved = blind.pose(ring)[0]
+    assert math.hypot(moved.x - pose.x, moved.y - pose.y) < 0.02
