@@ -33,7 +33,7 @@ def cube(pose, side=0.02):
 
 
 def test_effectors_are_found_by_name():
-    assert effectors.EFFECTORS.names() == ("suction", "jaw", "spatula")
+    assert effectors.EFFECTORS.names() == ("suction", "low-suction", "jaw", "spatula")
     with pytest.raises(ValueError, match="no end effector is named 'spoon'; the nearest names: "):
         effectors.EFFECTORS.find("spoon")
     with World() as fresh, pytest.raises(ValueError, match="no end effector is named 'hand'"):

@@ -11,7 +11,7 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
-from gem_lite.clip_training import clip_crops, vocabulary
+from gem_lite.clip_training import clip_bodies, clip_crops, vocabulary
 from gem_lite.evaluation import evaluate_mobile, results
 from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
 from gem_lite.evaluation.results import Score
@@ -77,20 +77,18 @@ def test_a_camera_looks_where_it_is_told():
 # CLIP's words and pictures
 
 
-def test_symbol_boxes_are_said_and_shown_in_sorting_scenes_alone():
+def test_symbol_boxes_are_said_and_shown():
     rng = np.random.default_rng(0)
     said = {vocabulary.caption(None, "gear box", rng) for _ in range(200)}
     assert any("gear box" in text for text in said) and any("cogwheel box" in text for text in said)
-    assert not set(vocabulary.BOXES) & set(vocabulary.SHAPES)
-    assert clip_crops.NOUN_NAMES[: len(clip_crops.SHAPE_NAMES)] == clip_crops.SHAPE_NAMES
-    for kind, share in (("training", 0.0), ("test", 0.0), ("sorting", 0.2), ("sorting-test", 0.2)):
-        drawn = [clip_crops._draw(kind, rng)[1] for _ in range(500)]
-        assert np.mean([name in vocabulary.BOXES for name in drawn]) == pytest.approx(share, abs=0.06)
+    drawn = [clip_bodies.draw("training", rng)[1] for _ in range(1000)]
+    share = clip_bodies.SHARES["symbol"]
+    assert np.mean([name in vocabulary.BOXES for name in drawn]) == pytest.approx(share, abs=0.03)
 
 
 def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
-    rows = [row for index in range(3) for row in clip_crops.render_scene(np.random.default_rng((5, index)), "sorting")]
-    boxed = [row for row in rows if row[2] >= len(clip_crops.SHAPE_NAMES)]
+    rows = [row for index in range(6) for row in clip_crops.render_scene(np.random.default_rng((5, index)), "training")]
+    boxed = [row for row in rows if row[2] >= 0 and clip_bodies.NOUN_NAMES[row[2]] in vocabulary.BOXES]
     assert len(boxed) > 10 and all(row[1] == -1 for row in boxed)
     # Paper, ink and walls are one body: crops of boxes hold white, black and blue.
     pictures = np.stack([row[0] for row in boxed]).reshape(len(boxed), -1, 3)

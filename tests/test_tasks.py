@@ -244,7 +244,7 @@ def test_in_a_zone_is_between_its_walls_and_below_the_rim(blind, stage):
         partial(trays.add_container, size=size, color=colors.rgba("brown"), pose=centre),
         partial(shapes.add_block, color=colors.rgba("red"), pose=Pose2(0.4, 0.3)),
     )
-    inside = partial(ZoneMetric(size, trays.CONTAINER_HEIGHT).reached, blind, block, box)
+    inside = partial(ZoneMetric(size, trays.CONTAINER_HEIGHT).share, blind, block, box)
     assert not inside()
     for offset, z, expected in [
         (Pose2(0, 0), 0.022, True),

@@ -31,9 +31,9 @@ class _TrainingInEpochs(Command):
 class Pretrain(_TrainingInEpochs):
     """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 4500 --epochs 4 --out runs/clip",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 3200 --epochs 4 --out runs/clip",)
 
-    scenes: int = 4500
+    scenes: int = 3200
     """training scenes to render"""
     epochs: int = 4
     """passes over the crops"""

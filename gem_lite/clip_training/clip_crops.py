@@ -32,6 +32,10 @@ SIDE_PATCH = (30, 62)
 """Side lengths (pixels) of crops from camera views; the maps use 40."""
 TOP_PATCH = (0.09, 0.15)
 """Side lengths (metres) of crops from the height map; the maps use 0.125."""
+CHUNK = 4
+"""Scenes that a process gets at once."""
+SCENES_PER_PROCESS = 160
+"""A new process takes over after this number of scenes."""
 PART_KEYS = tuple(vocabulary.PARTS)
 
 
@@ -183,8 +187,11 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
             pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck.
     """
     jobs = [(seed, index, kind) for index in range(scenes)]
-    with multiprocessing.get_context("spawn").Pool(os.cpu_count()) as pool:
-        parts = tqdm(pool.imap(_render_indexed, jobs, chunksize=4), f"rendering ({kind})", scenes, unit="scene")
+    # PyBullet keeps some memory of every scene, so each process renders a limited number of them.
+    with multiprocessing.get_context("spawn").Pool(
+        os.cpu_count(), maxtasksperchild=SCENES_PER_PROCESS // CHUNK
+    ) as pool:
+        parts = tqdm(pool.imap(_render_indexed, jobs, chunksize=CHUNK), f"rendering ({kind})", scenes, unit="scene")
         rows = [row for part in parts for row in part]
     images, color, shape, part, whole = zip(*rows, strict=True)
     return Crops(np.stack(images), np.array(color), np.array(shape), np.array(part), np.array(whole))

@@ -26,7 +26,7 @@ from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
 from gem_lite.maps.semantic_map import embed_query
-from gem_lite.policies.samples import Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
+from gem_lite.policies.samples import Cell, Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
@@ -208,10 +208,15 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
         places = [(right_bins(s.delta, s.place_symmetry, count), round(s.place[0]), round(s.place[1])) for s in batch]
         pixels = torch.tensor([cell[1:] for cell in picks])
-        return {
-            "pick": cross_entropy(self.score_pick(inputs), picks),
-            "place": cross_entropy(self.score_place(inputs, pixels), places),
-        }
+        return {"pick": self.pick_loss(inputs, picks), "place": self.place_loss(inputs, pixels, places)}
+
+    def pick_loss(self, inputs: Inputs, cells: Sequence[Cell]) -> torch.Tensor:
+        """The cross-entropy of `score_pick` to labels. A method may compute it in a faster way."""
+        return cross_entropy(self.score_pick(inputs), cells)
+
+    def place_loss(self, inputs: Inputs, picks: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:
+        """The cross-entropy of `score_place` to labels. A method may compute it in a faster way."""
+        return cross_entropy(self.score_place(inputs, picks), cells)
 
     def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
         """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""

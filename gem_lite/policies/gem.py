@@ -20,12 +20,13 @@ from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.base import Choice, PickPlacePolicy
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
-from gem_lite.policies.samples import RGBD, Inputs, PreparedStep, crop_at, label, to_rgbd
+from gem_lite.policies.samples import RGBD, Cell, Inputs, PreparedStep, crop_at, cross_entropy, label, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.steerable import SteerableKernel
 from gem_lite.steerable.correlation import correlate, sample
+from gem_lite.steerable.loss import sampled_cross_entropy
 
 
 class ActionModule(nn.Module):
@@ -50,17 +51,26 @@ class ActionModule(nn.Module):
         """A ⊗ M: the encoder's features gated by the refined semantic map, (B, channels, H, W)."""
         return self.encoder(rgbd, words) * self.refiner(semantic, rgbd[:, 3:])
 
+    def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
+        """The Fourier coefficients (B, K + 1, H, W) of the response of features to a lifted kernel (B, C, h, h)."""
+        lifted = SteerableKernel.lift(kernel.float(), self.config.rotations, self.config.frequency)
+        return lifted.correlate(features.float())
+
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
         # Fourier transforms and logits need full precision, even where training uses mixed precision.
         with torch.autocast(features.device.type, enabled=False):
-            features = features.float()
-            kernel = kernel.float()
             if self.config.kernels == "steerable":
-                lifted = SteerableKernel.lift(kernel, self.config.rotations, self.config.frequency)
-                return sample(lifted.correlate(features), self.angles)
-            scores = correlate(features, kernel.unflatten(1, (-1, self.config.channels)))
+                return sample(self.respond(features, kernel), self.angles)
+            scores = correlate(features.float(), kernel.float().unflatten(1, (-1, self.config.channels)))
             return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel gives every angle the same score
+
+    def loss(self, features: torch.Tensor, kernel: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:
+        """The cross-entropy of `score` to labels; for a steerable kernel without the logits of all angles."""
+        if self.config.kernels != "steerable":
+            return cross_entropy(self.score(features, kernel), cells)
+        with torch.autocast(features.device.type, enabled=False):
+            return sampled_cross_entropy(self.respond(features, kernel), self.angles, cells)
 
 
 class PickModule(ActionModule):
@@ -248,6 +258,16 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
     @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         return self.place(inputs.rgbd, inputs.maps["place"], inputs.words["place"], self.place_crop(inputs, picks))
+
+    @override
+    def pick_loss(self, inputs: Inputs, cells: Sequence[Cell]) -> torch.Tensor:
+        features = self.pick.features(inputs.rgbd, inputs.maps["pick"], inputs.words["pick"])
+        return self.pick.loss(features, self.pick.kernel(inputs.words["pick"]), cells)
+
+    @override
+    def place_loss(self, inputs: Inputs, picks: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:
+        features = self.place.features(inputs.rgbd, inputs.maps["place"], inputs.words["place"])
+        return self.place.loss(features, self.place.kernel(self.place_crop(inputs, picks)), cells)
 
     def place_crop(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         """The crops (B, 5, h, h) that make the place kernels: RGB-D and pick map around the pixels ``picks`` (B, 2)."""

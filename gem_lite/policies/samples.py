@@ -159,7 +159,11 @@ def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
     return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
 
 
-def cross_entropy(logits: torch.Tensor, cells: Sequence[tuple[list[int], int, int]]) -> torch.Tensor:
+Cell = tuple[list[int], int, int]
+"""A label in logits: the equally right angle bins, and a pixel's row and column."""
+
+
+def cross_entropy(logits: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:
     """Mean cross-entropy of logits (B, R, H, W); each label is a pixel and its equally right angle bins."""
     pairs = zip(logits, cells, strict=True)
     right_logits = torch.stack([scores[bins, row, col].mean() for scores, (bins, row, col) in pairs])

@@ -14,14 +14,14 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import animals_and_food, household, playthings, toybox
+from gem_lite.simulation import animals, food, household, playthings, toybox
 from gem_lite.simulation.shapes import Body, create_compound, triangles
 from gem_lite.simulation.solids import RGBA, Maker, Part
 
 TRAINING_VARIANTS = 12
 """The embedded CLIP was trained on the variants 0 .. 11 and on no others."""
 
-_MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS | animals_and_food.MAKERS | toybox.MAKERS
+_MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS | animals.MAKERS | food.MAKERS | toybox.MAKERS
 NAMES: tuple[str, ...] = (
     "mug", "hammer", "screwdriver", "banana", "scissors", "bottle", "spoon", "fork", "knife", "pan", "spatula",
     "brush", "wrench", "magnifying glass", "flashlight", "key", "headphones", "teapot", "toy car", "airplane", "duck",

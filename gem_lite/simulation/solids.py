@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from shapely import affinity
 from shapely.geometry import Point, Polygon
 from trimesh import Trimesh
 
@@ -87,3 +88,25 @@ def disc(x: float, y: float, radius: float, hole: float = 0.0) -> Polygon:
     """The outline of a circle. With ``hole``, the radius of a round hole, it is a ring."""
     circle = Point(x, y).buffer(radius, 12)
     return circle.difference(Point(x, y).buffer(hole, 12)) if hole else circle
+
+
+def join(meshes: list[Trimesh]) -> Trimesh:
+    """Several meshes as one."""
+    return trimesh.util.concatenate(meshes)
+
+
+def bead(centre: tuple, radii: float | tuple, detail: int = 1) -> Trimesh:
+    """A small ball of few triangles: 20 for ``detail`` 0, 80 for 1."""
+    mesh = trimesh.creation.icosphere(subdivisions=detail, radius=1.0)
+    mesh.apply_scale(np.broadcast_to(radii, 3))
+    return mesh.apply_translation(centre)
+
+
+def tilted(mesh: Trimesh, degrees: float, axis: tuple, point: tuple = (0, 0, 0)) -> Trimesh:
+    """A mesh turned by an angle in degrees about an axis through a point. The mesh itself is turned."""
+    return mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(degrees), axis, point))
+
+
+def oval(x: float, y: float, length: float, width: float, degrees: float = 0.0) -> Polygon:
+    """The outline of an ellipse, with its length along x before it is turned."""
+    return affinity.rotate(affinity.scale(disc(x, y, 1).simplify(0.02), length / 2, width / 2), degrees)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 from string import ascii_uppercase, digits
+from typing import cast
 
 import numpy as np
 import pybullet as p
 import trimesh
 from shapely import affinity
 from shapely.geometry import Polygon, box
-from shapely.geometry.base import BaseGeometry
+from shapely.geometry.base import BaseGeometry as Area
 from shapely.ops import unary_union
 
 from gem_lite.se2 import Pose2, quaternion
@@ -30,14 +31,14 @@ TOWEL_CORNER = 0.01
 """The radius (m) of a towel's corners."""
 GLYPH = (0.042, 0.034)
 """The largest width and height (m) of a glyph on its tile."""
-BAR = (0.018, 0.0035)
+BAR = (0.018, 0.004)
 """Width and height (m) of the bar below a glyph."""
-BAR_GAP = 0.003
+BAR_GAP = 0.0035
 STRIPE = 0.008
 DOT = 0.008
-DOT_GRID = 0.0133
+DOT_GRID = 0.0145
 CHECK = 0.01
-"""Width (m) of a stripe, of a dot, of the dots' grid and of a check. All but a dot change a little to fit a face."""
+"""Width (m) of a stripe, of a dot, of the dots' grid and of a check. All but a dot change a little to fit the face."""
 SUNK = 0.0004
 """The solid core lies this deep (m) below the cut faces, so that nothing shows through their seams."""
 
@@ -61,9 +62,7 @@ def add_tile(client: int, name: str, color: RGBA, pose: Pose2) -> Body:
         ValueError: the name is unknown.
     """
     if name not in TILES:
-        raise ValueError(
-            f"name must be {TILES[0]!r} to {LETTERS[-1]!r} or {DIGITS[0]!r} to {TILES[-1]!r}, got {name!r}"
-        )
+        raise ValueError(f"name must be 'letter A' to 'letter Z' or 'digit 0' to 'digit 9', got {name!r}")
     return _add(client, _tile(name), TILE_SIZE, color, pose, mass=0.02)
 
 
@@ -94,9 +93,7 @@ def _check_texture(texture: str) -> None:
         raise ValueError(f"texture must be one of {', '.join(TEXTURES)}, got {texture!r}")
 
 
-def _add(
-    client: int, meshes: Meshes, size: tuple[float, float, float], color: RGBA, pose: Pose2, mass: float
-) -> Body:  # fmt: skip
+def _add(client: int, meshes: Meshes, size: tuple[float, float, float], color: RGBA, pose: Pose2, mass: float) -> Body:
     """A movable body whose contact shape is one box."""
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
@@ -111,11 +108,10 @@ def _add(
 
 
 @cache
-def tile_ink(name: str) -> BaseGeometry:
+def tile_ink(name: str) -> Area:
     """The area (metres, centred) of the glyph and the bar on a tile, upright along +y."""
     glyph = letter_outline(name.split()[1], GLYPH[1])
-    x0, _, x1, _ = glyph.bounds
-    shrink = min(1.0, GLYPH[0] / (x1 - x0))
+    shrink = min(1.0, GLYPH[0] / np.ptp(glyph.bounds[::2]))
     glyph = affinity.scale(glyph, shrink, shrink, origin=(0, 0))
     low = -(GLYPH[1] + BAR_GAP + BAR[1]) / 2
     glyph = affinity.translate(glyph, 0, low + BAR[1] + BAR_GAP + GLYPH[1] / 2)
@@ -123,14 +119,14 @@ def tile_ink(name: str) -> BaseGeometry:
 
 
 @cache
-def pattern(texture: str, width: float, height: float) -> BaseGeometry:
+def pattern(texture: str, width: float, height: float) -> Area:
     """The area (metres, centred) of the ink on a face. The stripes are upright."""
     if texture == "striped":
         count = 2 * round((width / STRIPE - 1) / 2) + 1  # odd: the outer stripes have the body's colour
         edges = np.linspace(-width / 2, width / 2, max(3, count) + 1)
         return unary_union([box(edges[i], -height / 2, edges[i + 1], height / 2) for i in range(1, len(edges) - 2, 2)])
     pitch = CHECK if texture == "checkered" else DOT_GRID
-    columns, rows = (max(1, round(side / pitch)) for side in (width, height))
+    columns, rows = max(1, round(width / pitch)), max(1, round(height / pitch))
     dx, dy = width / columns, height / rows
 
     def corner(i: int, j: int) -> tuple[float, float]:
@@ -152,21 +148,25 @@ def _dot(x: float, y: float) -> Polygon:
 # Meshes
 
 
-def _upper(area: BaseGeometry, z: float) -> trimesh.Trimesh:
+def _upper(area: Area, z: float) -> trimesh.Trimesh:
     """An area as a flat sheet at a height, to be seen from above."""
     mesh = slab(area, z - SUNK, z)
     mesh.update_faces(mesh.face_normals[:, 2] > 0.5)
     return mesh
 
 
-def _flat(outline: Polygon, ink: BaseGeometry, thickness: float) -> Meshes:
+def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    return cast(trimesh.Trimesh, trimesh.util.concatenate(meshes))
+
+
+def _flat(outline: Polygon, ink: Area, thickness: float) -> Meshes:
     """A plate with an inked area on its upper face."""
     top = thickness / 2
     sides = slab(outline, -top, top)
     sides.update_faces(sides.face_normals[:, 2] < 0.5)
     core = _upper(outline, top - SUNK)
     ink = ink.intersection(outline)
-    return trimesh.util.concatenate([sides, core, _upper(outline.difference(ink), top)]), _upper(ink, top)
+    return _joined([sides, core, _upper(outline.difference(ink), top)]), _upper(ink, top)
 
 
 @cache
@@ -195,4 +195,4 @@ def _block(texture: str, size: tuple[float, float, float]) -> Meshes:
         rest = box(-width / 2, -height / 2, width / 2, height / 2).difference(ink)
         plain.append(_upper(rest, distance / 2).apply_transform(turn))
         inked.append(_upper(ink, distance / 2).apply_transform(turn))
-    return trimesh.util.concatenate(plain), trimesh.util.concatenate(inked)
+    return _joined(plain), _joined(inked)

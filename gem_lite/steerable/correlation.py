@@ -121,7 +121,7 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
         (B, R, H, W) real.
     """
     batch, terms, height, width = response.shape
-    basis = _sampling(terms, angles).to(response.real)  # (R, 2(K+1))
+    basis = sampling_matrix(terms, angles).to(response.real)  # (R, 2(K+1))
     flat = torch.cat([response.real, response.imag], dim=1).flatten(2)  # (B, 2(K+1), H*W)
     return (basis @ flat).view(batch, len(angles), height, width)
 
@@ -139,7 +139,7 @@ def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
     terms, _, width = response.shape
     flat = response.flatten(1)  # (K+1, H*W)
     bound = flat[0].real + 2 * flat[1:].abs().sum(dim=0)
-    basis = _sampling(terms, angles).to(bound)
+    basis = sampling_matrix(terms, angles).to(bound)
 
     def best(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         chosen = flat[:, pixels]
@@ -168,7 +168,7 @@ def best_angle(response: torch.Tensor) -> torch.Tensor:
     terms = response.shape[-1]
     k = torch.arange(terms).to(response.real)
     coarse = 2 * math.pi * torch.arange(16 * terms, device=response.device).to(response.real) / (16 * terms)
-    values = torch.cat([response.real, response.imag], dim=-1) @ _sampling(terms, coarse).T  # (..., 16(K+1))
+    values = torch.cat([response.real, response.imag], dim=-1) @ sampling_matrix(terms, coarse).T  # (..., 16(K+1))
     angle = coarse[values.argmax(dim=-1)]
     for _ in range(4):
         wave = response * torch.exp(1j * k * angle[..., None])
@@ -179,7 +179,7 @@ def best_angle(response: torch.Tensor) -> torch.Tensor:
     return angle % (2 * math.pi)
 
 
-def _sampling(terms: int, angles: torch.Tensor) -> torch.Tensor:
+def sampling_matrix(terms: int, angles: torch.Tensor) -> torch.Tensor:
     """The matrix (R, 2(K + 1)) from the real parts, then the imaginary parts of C_k to the values at ``angles``."""
     k = torch.arange(terms, dtype=angles.dtype, device=angles.device)
     phase = angles[:, None] * k
