@@ -82,7 +82,8 @@ class Learner:
         self.modules = policy.roles
         # In this memory format, convolutions with few channels are a fifth faster.
         policy.to(accelerator.device, memory_format=torch.channels_last).train()
-        optimizers = [torch.optim.Adam(m.parameters(), lr=policy.config.learning_rate) for m in self.modules.values()]
+        rate = policy.config.learning_rate
+        optimizers = [torch.optim.Adam(m.parameters(), lr=rate, fused=True) for m in self.modules.values()]
         self.losses, *optimizers = accelerator.prepare(Losses(policy), *optimizers)
         self.optimizers = dict(zip(self.modules, optimizers, strict=True))
 

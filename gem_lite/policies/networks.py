@@ -21,6 +21,22 @@ from torch import nn
 from gem_lite.steerable import disc
 
 
+class Pointwise(nn.Conv2d):
+    """A 1 x 1 convolution, computed as a product of matrices: on a CPU, that is several times faster.
+
+    The pictures should be in the memory format "channels last".
+    """
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__(inputs, outputs, 1, stride=stride)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(B, inputs, H, W) to (B, outputs, H / stride, W / stride)."""
+        rows, cols = self.stride
+        pixels = x[..., ::rows, ::cols].permute(0, 2, 3, 1)
+        return F.linear(pixels, self.weight.flatten(1), self.bias).permute(0, 3, 1, 2)
+
+
 class ResidualBlock(nn.Module):
     """Two 3 x 3 convolutions beside a 1 x 1 shortcut. The second starts at 0, so the block starts as its shortcut."""
 
@@ -28,7 +44,7 @@ class ResidualBlock(nn.Module):
         super().__init__()
         self.first = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1)
         self.second = nn.Conv2d(outputs, outputs, 3, padding=1)
-        self.shortcut = nn.Conv2d(inputs, outputs, 1, stride=stride)
+        self.shortcut = Pointwise(inputs, outputs, stride)
         nn.init.zeros_(self.second.weight)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -64,7 +80,7 @@ class UNet(nn.Module):
         self.up = nn.ModuleList(
             ResidualBlock(b + skip + w, o) for b, skip, w, o in zip(below, reversed(widths), words, ups, strict=True)
         )
-        self.out = nn.Conv2d(widths[0], outputs, 1)
+        self.out = Pointwise(widths[0], outputs)
 
     def decode(self, x: torch.Tensor, language: torch.Tensor | None = None) -> list[torch.Tensor]:
         """The output of each upsampling block, (B, decoder_widths[i], H / 2^(3-i), W / 2^(3-i))."""
@@ -112,7 +128,7 @@ class SemanticRefiner(nn.Module):
             nn.Conv2d(depth_features, depth_features, 3, padding=1),
             nn.ReLU(),
         )
-        self.linear = nn.Conv2d(1 + depth_features, channels, 1)
+        self.linear = Pointwise(1 + depth_features, channels)
         # The output starts as nearly the raw map, so that learning begins from CLIP's map.
         nn.init.normal_(self.linear.weight, std=0.02)
         nn.init.ones_(self.linear.weight[:, :1])

@@ -233,12 +233,15 @@ class Environment(ABC):
     def add(self, body: Body) -> Body:
         """Register a body that was made in this environment's physics client."""
         if body.movable:
-            self._set_activation(body, p.ACTIVATION_STATE_ENABLE_SLEEPING)
+            p.changeDynamics(
+                body.id, -1, activationState=p.ACTIVATION_STATE_ENABLE_SLEEPING, physicsClientId=self.client
+            )
         self.bodies.append(body)
         return body
 
-    def _set_activation(self, body: Body, state: int) -> None:
-        p.changeDynamics(body.id, -1, activationState=state, physicsClientId=self.client)
+    def _set_activation(self, state: int) -> None:
+        for body in self.movable:
+            p.changeDynamics(body, -1, activationState=state, physicsClientId=self.client)
 
     @property
     def movable(self) -> set[int]:
@@ -271,14 +274,13 @@ class Environment(ABC):
 
         Then the bodies sleep: they cost no time until something touches them.
         """
+        self._set_activation(p.ACTIVATION_STATE_WAKE_UP)
         for _ in range(SETTLE_STEPS // 10):
             for _ in range(10):
                 p.stepSimulation(physicsClientId=self.client)
             speeds = [p.getBaseVelocity(body, physicsClientId=self.client)[0] for body in self.movable]
             if all(np.linalg.norm(speed) < SETTLED_SPEED for speed in speeds):
-                for body in self.bodies:
-                    if body.movable:
-                        self._set_activation(body, p.ACTIVATION_STATE_SLEEP)
+                self._set_activation(p.ACTIVATION_STATE_SLEEP)
                 return True
         return False
 

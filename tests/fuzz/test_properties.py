@@ -321,19 +321,22 @@ OPENINGS = maybe(st.sampled_from(("please", "could you", "now")))
 CLOSINGS = maybe(st.sampled_from((".", "please", "for me , thank you !")))
 
 
-@given(OPENINGS, st.sampled_from(language.VERBS), PICKS, maybe(JOINTS), PREPOSITIONS, PLACES, CLOSINGS)
+FIRST_VERBS = st.sampled_from([verb for verb in language.VERBS if verb != language.ALIGNING])
+
+
+@given(OPENINGS, FIRST_VERBS, PICKS, maybe(JOINTS), PREPOSITIONS, PLACES, CLOSINGS)
 def test_every_sentence_of_the_grammar_is_read_right(opening, verb, pick, joint, preposition, place, closing):
     sentence = spaced(opening, verb, pick.written, joint, preposition, place.written, closing)
-    assert parse(sentence) == Queries(pick.phrase, place.phrase)
+    assert parse(sentence) == Queries(pick.phrase, place.phrase, push=verb == language.PUSHING)
 
 
-@given(st.sampled_from(language.VERBS), PICKS, PREPOSITIONS, PLACES, st.data())
+@given(FIRST_VERBS, PICKS, PREPOSITIONS, PLACES, st.data())
 def test_spelling_does_not_matter(verb, pick, preposition, place, data):
     words = spaced(verb, pick.written, preposition, place.written).split()
     changed = [data.draw(st.sampled_from((word, word.upper(), word.title()))) for word in words]
     gaps = [data.draw(st.sampled_from((" ", "  ", "\t", "\n"))) for _ in words]
     written = "".join(word + gap for word, gap in zip(changed, gaps, strict=True))
-    assert parse(written) == Queries(pick.phrase, place.phrase)
+    assert parse(written) == Queries(pick.phrase, place.phrase, push=verb == language.PUSHING)
 
 
 VOCABULARY = (

@@ -1,0 +1,56 @@
+"""The cross-entropy without stored logits equals the plain one."""
+
+import math
+
+import pytest
+import torch
+
+from gem_lite.policies import gem
+from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.samples import cross_entropy
+from gem_lite.se2 import angle_bins
+from gem_lite.steerable.correlation import sample
+from gem_lite.steerable.loss import PIXELS, sampled_cross_entropy
+
+ANGLES = torch.tensor(angle_bins(36), dtype=torch.float32)
+CELLS = [([3, 7], 10, 20), ([5], 39, 49), (list(range(36)), 0, 0)]
+
+
+def random_response(scale, height=40, width=50):
+    generator = torch.Generator().manual_seed(0)
+    parts = torch.randn(2, len(CELLS), 9, height, width, generator=generator) * scale
+    return torch.complex(*parts)
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 30.0])
+def test_loss_and_gradient_are_those_of_the_plain_cross_entropy(scale):
+    response = random_response(scale)
+    assert response[0, 0].numel() > PIXELS  # more than one block
+    results = []
+    for loss in (
+        lambda values: cross_entropy(sample(values, ANGLES), CELLS),
+        lambda values: sampled_cross_entropy(values, ANGLES, CELLS),
+    ):
+        values = response.clone().requires_grad_()
+        result = loss(values)
+        result.backward()
+        results.append((result, values.grad))
+    (plain, plain_grad), (fast, fast_grad) = results
+    assert fast.item() == pytest.approx(plain.item(), rel=1e-5)
+    assert torch.allclose(fast_grad, plain_grad, atol=1e-5 * max(1.0, plain_grad.abs().max().item()))
+
+
+def test_equal_logits_cost_the_logarithm_of_their_number():
+    response = torch.zeros(len(CELLS), 9, 40, 50, dtype=torch.complex64)
+    assert sampled_cross_entropy(response, ANGLES, CELLS).item() == pytest.approx(math.log(36 * 40 * 50), rel=1e-5)
+
+
+def test_a_module_has_the_same_loss_by_both_ways():
+    torch.manual_seed(0)
+    for kernels in ("steerable", "free"):
+        config = LITE.ablated("with-free-kernels") if kernels == "free" else LITE
+        module = gem.PickModule(config, 16)
+        rgbd, semantic, words = torch.randn(2, 4, 160, 80), torch.rand(2, 1, 160, 80), torch.randn(2, 16)
+        cells = [([0], 5, 6), ([1, 19], 80, 40)]
+        fast = module.loss(module.features(rgbd, semantic, words), module.kernel(words), cells)
+        assert fast.item() == pytest.approx(cross_entropy(module(rgbd, semantic, words), cells).item(), rel=1e-5)
