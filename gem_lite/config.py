@@ -24,6 +24,9 @@ SHARED_ABLATIONS = {
     "without-empty-spots": Ablation("a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}),
 }
 """Ablations that mean something for every method."""
+MULTI_TASK = "multi"
+"""The ending of a method's name if its policy was trained on several tasks."""
+SHARED_ENDINGS = {**SHARED_ABLATIONS, MULTI_TASK: Ablation("one policy for several tasks", {})}
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Config:
         "paper": {"pixel": 0.003125, "angles": 72, "steps": 30_000, "batch": 1, "learning_rate": 1e-4},
     }
     """The entries that each preset changes, by its name."""
-    ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ABLATIONS
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ENDINGS
     """Endings of a method's name (A.2), in the order in which a name holds several."""
 
     name: str = "lite"

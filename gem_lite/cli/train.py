@@ -64,6 +64,8 @@ class Train(Method, ImportingCommand):
     """device of the training"""
     state: Path | None = None
     """folder for the state to resume from (without it: runs/<checkpoint>)"""
+    also: tuple[Path, ...] = ()
+    """more folders, of other tasks: one policy for all of them (--method gem-multi)"""
     config: Annotated[Config, FlagConversionOff]
     """The values of the method's configuration; the defaults are the preset's. The task sets the table's length."""
 
@@ -83,7 +85,7 @@ class Train(Method, ImportingCommand):
             raise ValueError("--config.table must be left out: the task of the demonstrations sets it")
         card = train.train_from_folder(
             self.demonstrations, self.checkpoint, method, self.config, self._state, self.seed, self.episodes,
-            self.clip, self.device,
+            self.clip, self.device, self.also,
         )  # fmt: skip
         if card:
             print(

@@ -22,6 +22,7 @@ from typing_extensions import override
 
 from gem_lite import files
 from gem_lite.demonstrations import DemonstrationSet
+from gem_lite.learning.mixture import Joined
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
 
@@ -43,6 +44,8 @@ def fingerprint(steps: Sequence[PreparedStep]) -> str:
     """SHA-256 of the whole content of steps. It is the same for steps in memory and in files."""
     if isinstance(steps, StoredSteps):
         return steps.fingerprint
+    if isinstance(steps, Joined):
+        return _combined(fingerprint(part) for part in steps.parts)
     return _combined(hashlib.sha256(_encode(step)).hexdigest() for step in steps)
 
 
@@ -81,16 +84,39 @@ def store(
 def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> StoredSteps:
     """Prepare demonstrations for training: fill the policy's memory, and `store` the prepared steps.
 
+    Raises: see `prepare_steps`.
+    """
+    policy.remember(demos)
+    return prepare_steps(policy, demos, folder, {})
+
+
+def prepare_tasks(policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], folder: Path) -> Joined[PreparedStep]:
+    """`prepare` the demonstrations of several tasks for one policy. It may retrieve crops of every task.
+
+    Raises: see `prepare_steps`.
+    """
+    policy.remember(Joined(sets))
+    memory = {"memory": [demos.digest for demos in sets]}
+    return Joined([prepare_steps(policy, demos, folder / str(number), memory) for number, demos in enumerate(sets)])
+
+
+def prepare_steps(
+    policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, more: Mapping[str, object]
+) -> StoredSteps:
+    """`store` the prepared steps of demonstrations.
+
+    Args:
+        more: further facts that decide the content of the steps, ready for JSON.
+
     Raises:
         ValueError: ``folder`` holds steps of other demonstrations, or for another method, configuration or CLIP; or a
             step lacks the view of a camera.
         OSError: a step cannot be written; the steps before it stay.
     """
-    policy.remember(demos)
     parser = getattr(policy.parser, "__qualname__", type(policy.parser).__qualname__)
     source = {
         "data": demos.digest, "method": policy.name, "config": policy.config.as_dict(),
-        "clip": policy.clip.fingerprint, "parser": parser,
+        "clip": policy.clip.fingerprint, "parser": parser, **more,
     }  # fmt: skip
     return store(functools.partial(policy.prepare, demos), folder, source, code_digest())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import time
@@ -16,9 +17,9 @@ from torch import nn
 from tqdm import tqdm
 
 from gem_lite import clip, demonstrations, tasks
-from gem_lite.config import Config
+from gem_lite.config import MULTI_TASK, Config
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.learning import augment, dataset
+from gem_lite.learning import augment, dataset, mixture
 from gem_lite.learning.dataset import StoredSteps
 from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints
@@ -39,10 +40,13 @@ MAX_GRADIENT_NORM = 1.0
 def make_batch(
     prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator, recolor: bool = False
 ) -> list[Sample]:
-    """Draw steps, sometimes without the image-conditioned map; move and rescale each at random, and ``recolor`` it."""
+    """Draw steps, sometimes without the image-conditioned map. Move and rescale each at random, and ``recolor`` it.
+
+    Of several tasks, each is drawn equally often (`mixture.draw`).
+    """
     batch = []
     for _ in range(settings.batch):
-        step = prepared[rng.integers(len(prepared))]
+        step = mixture.draw(prepared, rng)
         sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
         keep = [sample.pick, sample.place]
         motion = augment.random_motion(rng, tuple(sample.rgbd.shape[-2:]), keep, settings.turn)
@@ -196,6 +200,15 @@ def prepared_steps(policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, 
         return dataset.prepare(policy, demos, run / PREPARED)
 
 
+def prepared_tasks(
+    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu"
+) -> Sequence[PreparedStep]:
+    """As `prepared_steps`, for the demonstrations of several tasks."""
+    team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
+    with team.main_process_first():
+        return dataset.prepare_tasks(policy, sets, run / PREPARED)
+
+
 def discard(run: Path) -> None:
     """Remove the files of `train` and `prepared_steps` in ``run``, after the checkpoint is written."""
     (run / STATE_FILE).unlink(missing_ok=True)
@@ -211,11 +224,13 @@ def hardware(device: str) -> str:
 
 def train_from_folder(
     folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
-    episodes: int | None = None, clip_name: str | None = None, device: str = "cpu",
+    episodes: int | None = None, clip_name: str | None = None, device: str = "cpu", also: Sequence[Path] = (),
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
+        also: folders with as many demonstrations of other tasks, for a method with the ending "multi". Every task is
+            drawn equally often.
         settings: the method's configuration. Its table gets the length of the demonstrations' task.
         episodes: the number of demonstrations to use, from the first; by default all.
         clip_name: the argument of `clip.load`.
@@ -226,23 +241,42 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU, or ``episodes`` is below 1 or above the number of demonstrations; see also `train`.
+        ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; there are several
+            folders and the method has no ending "multi", or the reverse; the folders hold unequal numbers of
+            demonstrations, or tables of different lengths; see also `train`.
         FloatingPointError: see `train`.
         OSError: there are no demonstrations, or a file cannot be written; see also `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    demos = _first_demonstrations(folder, episodes)
-    table = tasks.make(demos[0].task).workspace.length
-    policy = method(settings.on_table(table), clip.load(clip_name), seed=seed)
-    cost = train(policy, prepared_steps(policy, demos, run, device), seed, run, device)
+    folders = (folder, *also)
+    several = MULTI_TASK in settings.ablations
+    if several != (len(folders) > 1):
+        raise ValueError(
+            f"a method with the ending {MULTI_TASK!r} needs several folders of demonstrations, any other method one, "
+            f"got {method.method}{settings.variant} and {len(folders)}"
+        )
+    sets = [_first_demonstrations(path, episodes) for path in folders]
+    demos = sets[0]
+    counts = sorted({len(part) for part in sets})
+    if len(counts) > 1:
+        raise ValueError(f"the folders must hold equally many demonstrations, got {counts}: give --episodes")
+    lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
+    if len(lengths) > 1:
+        raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
+    policy = method(settings.on_table(lengths[0]), clip.load(clip_name), seed=seed)
+    if several:
+        steps: Sequence[PreparedStep] = prepared_tasks(policy, sets, run, device)
+    else:
+        steps = prepared_steps(policy, demos, run, device)
+    cost = train(policy, steps, seed, run, device)
     if not PartialState().is_main_process:
         return None
     facts = {
-        "task": demos[0].task,
+        "task": " + ".join(part[0].task for part in sets),
         "demos": len(demos),
         "demonstrations_world": demos[0].world,
-        "data_sha256": demonstrations.data_hash(folder, episodes),
+        "data_sha256": _data_hash(folders, episodes),
         "seed": seed,
         "train_seconds": round(cost.seconds, 1),
         "train_cpu_seconds": round(cost.cpu_seconds, 1),
@@ -251,6 +285,12 @@ def train_from_folder(
     checkpoints.save_policy(policy, checkpoint, facts)
     discard(run)
     return {"method": policy.name, **facts}
+
+
+def _data_hash(folders: Sequence[Path], episodes: int | None) -> str:
+    """The SHA-256 of the demonstrations; of several folders, that of their hashes one after the other."""
+    hashes = [demonstrations.data_hash(folder, episodes) for folder in folders]
+    return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
 
 
 def _first_demonstrations(folder: Path, episodes: int | None) -> DemonstrationSet:

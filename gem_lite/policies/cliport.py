@@ -21,7 +21,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import SHARED_ABLATIONS, Ablation
+from gem_lite.config import SHARED_ENDINGS, Ablation
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import ResidualBlock, UNet, decoder_widths
@@ -42,7 +42,7 @@ class ClipPortConfig(KeyQueryConfig):
 
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
         "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
-        **SHARED_ABLATIONS,
+        **SHARED_ENDINGS,
     }
 
     top_patch: float = 0.125

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
-from gem_lite.config import SHARED_ABLATIONS, Ablation
+from gem_lite.config import MULTI_TASK, SHARED_ABLATIONS, SHARED_ENDINGS, Ablation
 from gem_lite.maps import sources
 from gem_lite.maps.patches import PatchConfig
 
@@ -76,7 +76,7 @@ class GemConfig(PatchConfig):
             "kernel_widths": (32, 64, 128), "fields": 16,
         },
     }  # fmt: skip
-    ABLATIONS: ClassVar[Mapping[str, Ablation]] = ABLATIONS
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
 
     text_weight: float = 0.8
     image_weight: float = 0.2

@@ -1,0 +1,110 @@
+"""One policy for several tasks, and policies that push."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gem_lite import clip, demonstrations
+from gem_lite.actions import ExpertAction, Push
+from gem_lite.learning import collecting, dataset, train
+from gem_lite.learning.mixture import Joined, draw
+from gem_lite.maps.crop_memory import demonstrated_crops
+from gem_lite.policies import methods
+from gem_lite.policies.checkpoints import load_policy, read_card
+from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
+
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
+)
+MULTI = dataclasses.replace(SMALL, ablations=("multi",))
+
+
+@pytest.fixture(scope="module")
+def folders(demo_set, tmp_path_factory):
+    packing = tmp_path_factory.mktemp("demos") / "packing-2"
+    collecting.collect("packing-shapes-seen", 2, packing)
+    return demo_set[0], packing
+
+
+def pushed(demonstration):
+    """The demonstration with pushes in the place of its actions."""
+    steps = []
+    for step in demonstration.steps:
+        action = step.expert.action
+        sentence = step.instruction.replace("put the", "push the")
+        push = ExpertAction(Push(action.pick, action.place))
+        steps.append(dataclasses.replace(step, instruction=sentence, expert=push, trace=()))
+    return dataclasses.replace(demonstration, steps=tuple(steps))
+
+
+def test_joined_sequences_are_one_sequence():
+    joined = Joined([[1, 2, 3], [4], [5, 6]])
+    assert list(joined) == [1, 2, 3, 4, 5, 6] == joined[:]
+    assert (joined[-1], joined[3], len(joined)) == (6, 4, 6)
+    assert joined[2:5] == [3, 4, 5]
+    with pytest.raises(IndexError):
+        joined[6]
+    for parts in ([], [[1], []]):
+        with pytest.raises(ValueError, match="parts must be at least one sequence"):
+            Joined(parts)
+
+
+def test_every_task_is_drawn_equally_often():
+    rng = np.random.default_rng(0)
+    joined = Joined([["a"] * 90, ["b"] * 10])
+    drawn = [draw(joined, rng) for _ in range(1000)]
+    assert drawn.count("b") == pytest.approx(500, abs=60)
+    assert [draw(list(range(10)), np.random.default_rng(i)) for i in range(5)] == [
+        int(np.random.default_rng(i).integers(10)) for i in range(5)
+    ]
+
+
+def test_one_policy_is_trained_on_two_tasks_and_remembers_both(folders, tmp_path):
+    bowl, packing = folders
+    checkpoint = tmp_path / "multi.safetensors"
+    card = train.train_from_folder(bowl, checkpoint, Policy, MULTI, tmp_path / "run", also=(packing,))
+    assert card["method"] == "gem-multi" and card["demos"] == 2
+    assert card["task"] == "put-block-in-bowl-seen-colors + packing-shapes-seen"
+    policy = load_policy(checkpoint, clip.load())
+    assert {entry.task for entry in policy.memory.entries} == {"put-block-in-bowl-seen-colors", "packing-shapes-seen"}
+    assert methods.of_card(read_card(checkpoint))[1] == MULTI
+
+
+def test_the_number_of_folders_must_fit_the_method(folders, tmp_path):
+    bowl, packing = folders
+    for settings, also in ((SMALL, (packing,)), (MULTI, ())):
+        with pytest.raises(ValueError, match="ending 'multi' needs several folders"):
+            train.train_from_folder(bowl, tmp_path / "a.safetensors", Policy, settings, tmp_path / "run", also=also)
+    assert not (tmp_path / "a.safetensors").exists()
+
+
+def test_other_tasks_change_the_data_of_a_multi_task_training(folders):
+    bowl, packing = (demonstrations.load(folder) for folder in folders)
+    model = clip.load()
+    policy = Policy(MULTI, model)
+    policy.remember(Joined([bowl, packing]))
+    steps = Joined([list(policy.prepare(bowl)), list(policy.prepare(packing))])
+    swapped = Joined(steps.parts[::-1])
+    assert dataset.fingerprint(steps) != dataset.fingerprint(swapped)
+    assert dataset.fingerprint(steps) == dataset.fingerprint(Joined(steps.parts))
+
+
+def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set):
+    demos = [pushed(demonstration) for demonstration in demo_set[1]]
+    model = clip.load()
+    policy = Policy(SMALL, model)
+    policy.remember(demos)
+    count = sum(len(demonstration.steps) for demonstration in demos)
+    assert len(policy.memory.entries) == 2 * count  # the start and the end of every push
+    crops = list(demonstrated_crops(demos, SMALL.workspace, SMALL.top_patch))
+    assert crops[0].phrase.endswith("blocks") and crops[1].phrase.endswith("bowl")
+    sample = next(policy.prepare(demos)).with_image
+    action = demos[0].steps[0].expert.action
+    assert sample.pick == pytest.approx(SMALL.workspace.to_pixel(action.start.x, action.start.y))
+    assert sample.place == pytest.approx(SMALL.workspace.to_pixel(action.end.x, action.end.y))
+    assert (sample.pick_symmetry, sample.place_symmetry) == (0.0, 0.0)
+    observation = demos[0].steps[0].observation
+    assert isinstance(policy.act(observation, demos[0].steps[0].instruction), Push)
+    assert not isinstance(policy.act(observation, demo_set[1][0].steps[0].instruction), Push)
