@@ -41,6 +41,8 @@ class Evaluate(MeasuringCommand):
     """looks of the world, see below"""
     clip: str | None = None
     """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
+    preset: str = "lite"
+    """pixels and angles of a method without a checkpoint: lite or paper"""
     processes: int | None = None
     """number of episodes that run at once (without it: one per core)"""
 
@@ -49,7 +51,7 @@ class Evaluate(MeasuringCommand):
         path = results.output(self.file, self.out, tasks.family(self.task))
         rows = evaluate.measure_and_file(
             self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
-            self.processes, self.world,
+            self.processes, self.world, self.preset,
         )  # fmt: skip
         for row in rows:
             print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))

@@ -216,31 +216,40 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
 def measure_and_file(
     method: str, task_name: str, path: Path, episodes: int = 100, split: tasks.Split = "test", start: int = 0,
     checkpoint: Path | None = None, clip_name: str | None = None, processes: int | None = None, world: str = "home",
+    preset: str = "lite",
 ) -> list[dict]:  # fmt: skip
     """`evaluate` a method and file its rows in ``path``: one of all episodes, and one of each of the task's subsets.
 
+    Args:
+        preset: of the configuration, for a method without a checkpoint that depends on pixels and angles.
+
     Raises:
-        ValueError: see `evaluate`, or ``path`` holds a row over more episodes, which is checked before measuring.
+        ValueError: see `evaluate`; there is no such preset; a checkpoint has a preset of its own; or ``path`` holds a
+            row over more episodes, which is checked before measuring.
         FileNotFoundError: no such checkpoint.
     """
-    method, facts = _name_and_facts(method, task_name, split, checkpoint)
+    settings = Config.preset(preset)
+    if checkpoint is not None and settings != LITE:
+        raise ValueError(f"preset must be left out, because the checkpoint {checkpoint} has its own, got {preset!r}")
+    method, facts = _name_and_facts(method, task_name, split, checkpoint, settings)
     facts = {"world": world, "split": split, "start": start} | facts
     expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
     measured = evaluate(
-        method, task_name, episodes, split, start, checkpoint=checkpoint, clip_name=clip_name, processes=processes,
-        world=world,
+        method, task_name, episodes, split, start, settings, checkpoint, clip_name, processes, world
     )  # fmt: skip
     rows = rows_of(method, task_name, measured, facts)
     results.file_rows(rows, path)
     return rows
 
 
-def _name_and_facts(method: str, task_name: str, split: tasks.Split, checkpoint: Path | None) -> tuple[str, dict]:
+def _name_and_facts(
+    method: str, task_name: str, split: tasks.Split, checkpoint: Path | None, settings: Config
+) -> tuple[str, dict]:  # fmt: skip
     """The method's name as results hold it, and the entries of a row that describe its policy."""
     if method in SCRIPTED:
-        settings = None if method == "expert" else settings_of(task_name, split)
-        return method, results.facts_of(None, settings)
+        used = None if method == "expert" else settings_of(task_name, split, settings)
+        return method, results.facts_of(None, used)
     method = methods.canonical(method)
     if checkpoint is None:
         raise ValueError(f"{method} needs --checkpoint")

@@ -1,0 +1,213 @@
+"""The benchmark as cells: which policy is measured on which task, and how the files of both are named.
+
+A plan is the content of workflow/benchmark.yaml. Snakemake (workflow/Snakefile) turns it into demonstrations, policies
+and rows. The name of each file holds a hash of everything that decides its content. So a file that exists is right, in
+a fresh clone too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gem_lite import clip, tasks
+from gem_lite.config import MULTI_TASK, Config
+from gem_lite.evaluation import evaluate, results
+from gem_lite.policies import methods
+
+ROWS = results.RESULTS / "benchmark"
+"""The folder of the rows: one file for each cell."""
+WORLD = "varied"
+"""The world in which the demonstrations are collected."""
+DIGITS = 12
+"""Hexadecimal digits of a hash in a file's name."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training of a method.
+
+    Attributes:
+        method: the name of the method, with its endings.
+        tasks: the tasks of the demonstrations; several for a method with the ending "multi".
+        demos: the number of demonstrations of each task.
+        seed: of the weights and of the batches.
+        steps, learning_rate: those of the configuration, if they are None.
+        clip_fingerprint: of the CLIP.
+    """
+
+    method: str
+    tasks: tuple[str, ...]
+    demos: int
+    seed: int = 0
+    steps: int | None = None
+    learning_rate: float | None = None
+    clip_fingerprint: str = ""
+
+    @property
+    def config(self) -> Config:
+        """The configuration of the training."""
+        config = methods.find(self.method)[1]
+        changes = {"steps": self.steps, "learning_rate": self.learning_rate}
+        return replace(config, **{name: value for name, value in changes.items() if value is not None})
+
+    @property
+    def digest(self) -> str:
+        """A hash of everything that decides the weights, except for the program."""
+        return _digest(asdict(self) | {"config": self.config.as_dict(), "world": WORLD})
+
+    @property
+    def name(self) -> str:
+        """The name of its checkpoint, without a folder and an ending."""
+        task = self.tasks[0] if len(self.tasks) == 1 else "all"
+        return f"{self.method}-{task}-{self.demos}-{self.seed}-{self.digest}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One row of the benchmark: a policy, or a scripted method, on episodes of a task.
+
+    Attributes:
+        method: the name of the method.
+        task: the task of the episodes.
+        training: None for a scripted method.
+        split, episodes: the first episodes of this split.
+        preset: of the configuration of a scripted method.
+    """
+
+    method: str
+    task: str
+    training: Training | None = None
+    split: tasks.Split = "test"
+    episodes: int = 50
+    preset: str = "lite"
+
+    @property
+    def name(self) -> str:
+        """The name of the file of its row, without a folder and an ending."""
+        entries = [self.method]
+        if self.training:
+            entries += [str(self.training.demos), str(self.training.seed)]
+        elif self.preset != "lite":
+            entries.append(self.preset)
+        facts = {name: value for name, value in asdict(self).items() if name != "training"}
+        trained = self.training.digest if self.training else None
+        return "-".join([*entries, self.split, _digest(facts | {"training": trained})])
+
+    @property
+    def file(self) -> Path:
+        """The file of its row."""
+        return ROWS / self.task / f"{self.name}.jsonl"
+
+    def row(self) -> dict | None:
+        """Its row, or None if it is not measured yet. A row over a subset of the episodes is not meant."""
+        rows = [row for row in results.read_rows(self.file) if row["subset"] == "all"]
+        return rows[0] if rows else None
+
+
+def _digest(facts: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]
+
+
+class Plan:
+    """The cells of a plan.
+
+    Attributes:
+        families: for each task of demonstrations, the tasks on which its policy is measured.
+        ours: the tasks that are not the paper's.
+        several: the tasks of the demonstrations of a method with the ending "multi".
+
+    Args:
+        content: of workflow/benchmark.yaml.
+        clip_name: the argument of `clip.load`.
+
+    Raises:
+        ValueError: an entry is missing, or names a method or a task that is unknown.
+    """
+
+    def __init__(self, content: Mapping[str, Any], clip_name: str | None = None) -> None:
+        missing = [name for name in ("families", "ours", "multi", "tiers", "search", "settings") if name not in content]
+        if missing:
+            raise ValueError(f"the plan lacks {', '.join(missing)}")
+        self.families: dict[str, tuple[str, ...]] = {
+            name: tuple(measured) for name, measured in content["families"].items()
+        }
+        self.ours = tuple(content["ours"])
+        self.several = tuple(content["multi"])
+        for name in (*itertools.chain(*self.families.values()), *self.families, *self.several):
+            tasks.family(name)
+        self._content = content
+        self._clip = clip.load(clip_name).fingerprint
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """The paper's tasks, in the order of the plan."""
+        return tuple(task for task in itertools.chain(*self.families.values()) if task not in self.ours)
+
+    def tier(self, name: str) -> list[Cell]:
+        """The test cells of a tier, each once. Raises ValueError if the plan has no such tier."""
+        tiers = self._content["tiers"]
+        if name not in tiers:
+            raise ValueError(f"tier must be one of {', '.join(tiers)}, got {name!r}")
+        return list(dict.fromkeys(cell for group in tiers[name] for cell in self._cells(group)))
+
+    def search(self) -> list[Cell]:
+        """The cells on validation episodes that choose the settings of the methods: every trial of every method."""
+        search = self._content["search"]
+        cells = []
+        for method, task, trial in itertools.product(search["methods"], search["tasks"], search["trials"]):
+            training = Training(method, (task,), search["demos"], clip_fingerprint=self._clip, **trial)
+            cells.append(Cell(method, task, training, "val", search["episodes"]))
+        return cells
+
+    def trainings(self, cells: Iterable[Cell]) -> list[Training]:
+        """The trainings of cells, each once."""
+        return list(dict.fromkeys(cell.training for cell in cells if cell.training))
+
+    def _cells(self, group: Mapping[str, Any]) -> Iterator[Cell]:
+        """The cells of one entry of a tier: all combinations of its methods, tasks, demos and seeds."""
+        wanted = {"paper": self.variants, "all": (*self.variants, *self.ours)}.get(str(group["tasks"]))
+        wanted = wanted or tuple(group["tasks"])
+        episodes = group.get("episodes", 50)
+        for method in group["methods"]:
+            if method in evaluate.SCRIPTED:
+                for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
+                    yield Cell(method, task, episodes=episodes, preset=preset)
+                continue
+            for demos, seed, task in itertools.product(group["demos"], group.get("seeds", [0]), wanted):
+                yield Cell(method, task, self._training(method, task, demos, seed), episodes=episodes)
+
+    def _training(self, method: str, task: str, demos: int, seed: int) -> Training:
+        name, endings = methods.split(method)
+        settings = dict(self._content["settings"].get(name, {}))
+        if MULTI_TASK in endings:
+            steps = settings.get("steps", methods.find(method)[1].steps)
+            settings["steps"] = steps * len(self.several)  # as many for each task as in the training on one task
+            return Training(method, self.several, demos, seed, clip_fingerprint=self._clip, **settings)
+        trained = [source for source, measured in self.families.items() if task in measured]
+        if not trained:
+            raise ValueError(f"no family of the plan has the task {task!r}")
+        return Training(method, (trained[0],), demos, seed, clip_fingerprint=self._clip, **settings)
+
+
+def chosen(trials: Sequence[Cell], method: str) -> dict[str, Any]:
+    """The best trial of a method's search: its steps and learning rate, by the mean over the tasks.
+
+    Raises:
+        LookupError: a trial is not measured yet.
+    """
+    means: dict[tuple, list[float]] = {}
+    for cell in trials:
+        if cell.method != method or cell.training is None:
+            continue
+        row = cell.row()
+        if row is None:
+            raise LookupError(f"the trial {cell.name} of {method} on {cell.task} is not measured yet")
+        means.setdefault((cell.training.steps, cell.training.learning_rate), []).append(row["mean"])
+    steps, rate = max(means, key=lambda trial: sum(means[trial]) / len(means[trial]))
+    return {"steps": steps, "learning_rate": rate}
