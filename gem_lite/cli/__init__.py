@@ -23,11 +23,11 @@ COMMANDS = {
     "several-tables": ("several_tables", "SeveralTables", "measure a policy over several tables"),
     "pointing": ("pointing", "Pointing", "play the pointing game with the semantic maps"),
     "clip pretrain": ("clip", "Pretrain", "train the embedded CLIP from scratch"),
-    "clip extend": ("clip", "Extend", "train the embedded CLIP further, on boxes with symbols"),
     "clip card": ("clip", "Card", "measure an embedded CLIP and write its card"),
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
+    "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
     "results plan": ("results", "Plan", "the experiments behind the lessons: which are filed, and which are to do"),
     "results run": ("results", "Run", "train and measure all experiments that are to do, and file their results"),
 }

@@ -11,8 +11,10 @@ from typing_extensions import override
 from tyro.conf import Positional
 
 from gem_lite.cli.command import Command
-from gem_lite.evaluation import experiments, pointing, results
+from gem_lite.evaluation import benchmark, experiments, pointing, results
 from gem_lite.evaluation.experiments import Experiment
+from gem_lite.figures import plot_benchmark
+from gem_lite.files import write_atomically
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +72,29 @@ class Show(Command):
             and self.task in (None, row.get("task"))
             and self.world in (None, row.get("world"))
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tables(Command):
+    """Draw the benchmark's tables from the stored rows: every method on every task, as a picture and as Markdown."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results tables build/benchmark",)
+
+    folder: Positional[Path]
+    """folder to write"""
+
+    @override
+    def run(self) -> None:
+        rows = benchmark.stored_rows()
+        if not rows:
+            raise ValueError(f"there are no rows in {benchmark.ROWS}: measure some with workflow/Snakefile")
+        table = plot_benchmark.arranged(rows)
+        names = list(dict.fromkeys(task for column in table.values() for task in column))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        text = plot_benchmark.markdown(table, names)
+        write_atomically(self.folder / "table-1.md", text.encode())
+        plot_benchmark.show_table(table, names).savefig(self.folder / "table-1.png", dpi=110)
+        print(f"wrote {self.folder / 'table-1.md'} and {self.folder / 'table-1.png'}, from {len(rows)} rows")
 
 
 @dataclass(frozen=True, kw_only=True)

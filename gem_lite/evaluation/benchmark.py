@@ -110,6 +110,11 @@ class Cell:
         return rows[0] if rows else None
 
 
+def stored_rows() -> list[dict]:
+    """The rows of all cells that are measured, whatever the plan says now, sorted by task and file."""
+    return [row for path in sorted(ROWS.glob("*/*.jsonl")) for row in results.read_rows(path)]
+
+
 def _digest(facts: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]
 

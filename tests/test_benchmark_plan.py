@@ -1,0 +1,150 @@
+"""The plan of the benchmark: its cells, the names of their files, and what Snakemake would do."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gem_lite import clip, tasks
+from gem_lite.cli import main
+from gem_lite.evaluation import benchmark, results
+from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
+from gem_lite.figures import plot_benchmark
+from gem_lite.policies.gem_config import LITE
+
+ROOT = Path(__file__).resolve().parents[1]
+WORKFLOW = ROOT / "workflow"
+CONTENT = yaml.safe_load((WORKFLOW / "benchmark.yaml").read_text())
+BOWL = "put-block-in-bowl-seen-colors"
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return Plan(CONTENT)
+
+
+def row_of(cell, mean=50.0, **changes):
+    facts = {name: None for name in results.IDENTITY} | {"method": cell.method, "task": cell.task, "subset": "all"}
+    facts |= {"split": cell.split, "episodes": cell.episodes, "mean": mean, "ci95": [mean - 5, mean + 5]}
+    if cell.training:
+        facts |= {"demos": cell.training.demos, "seed": cell.training.seed, "config": "lite"}
+    elif cell.method == "expert-rounded":
+        facts["config"] = cell.preset
+    return facts | changes
+
+
+def file_row(cell, mean):
+    cell.file.parent.mkdir(parents=True, exist_ok=True)
+    cell.file.write_text(json.dumps(row_of(cell, mean)) + "\n")
+
+
+def test_the_plan_has_the_papers_eighteen_tasks(plan):
+    assert len(plan.variants) == len(set(plan.variants)) == 18
+    assert not set(plan.variants) & set(plan.ours)
+    assert len(plan.several) == 10
+    assert len({tasks.family(name) for name in plan.several}) == 10
+
+
+def test_the_first_tier_compares_three_methods_on_every_task(plan):
+    cells = plan.tier("must")
+    assert len(cells) == len(set(cells)) == len({cell.file for cell in cells})
+    for method in ("gem", "cliport", "transporter-lan"):
+        measured = {cell.task for cell in cells if cell.method == method and cell.training.demos == 10}
+        assert measured == {*plan.variants, *plan.ours}
+    assert all(cell.episodes == 50 and cell.split == "test" for cell in cells)
+
+
+def test_two_variants_of_colours_share_a_training_and_two_of_objects_do_not(plan):
+    gem = {cell.task: cell.training for cell in plan.tier("must") if cell.method == "gem"}
+    assert gem[BOWL] == gem["put-block-in-bowl-unseen-colors"]
+    assert gem["packing-google-objects-seq-seen"] != gem["packing-google-objects-seq-unseen"]
+    assert len(plan.trainings(plan.tier("must"))) < len(plan.tier("must"))
+
+
+def test_a_policy_for_all_tasks_has_as_many_steps_for_each(plan):
+    (training,) = {cell.training for cell in plan.tier("must") if cell.method == "gem-multi"}
+    assert training.tasks == plan.several
+    assert training.config.steps == LITE.steps * 10
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"demos": 20}, {"seed": 1}, {"steps": 7}, {"learning_rate": 0.5}, {"tasks": ("bars-in-box",)},
+     {"method": "gem-without-image-map"}, {"clip_fingerprint": "other"}],
+)  # fmt: skip
+def test_whatever_changes_a_policy_changes_its_name(change):
+    training = Training("gem", (BOWL,), 10, clip_fingerprint="one")
+    changed = dataclasses.replace(training, **change)
+    assert training.name != changed.name
+    assert Cell("gem", BOWL, training).file != Cell("gem", BOWL, changed).file
+    assert dataclasses.replace(training).name == training.name
+
+
+@pytest.mark.parametrize("change", [{"split": "val"}, {"episodes": 10}, {"preset": "paper"}, {"task": "align-rope"}])
+def test_whatever_changes_a_row_changes_its_file(change):
+    cell = Cell("expert-rounded", BOWL)
+    assert cell.file != dataclasses.replace(cell, **change).file
+
+
+def test_the_search_is_the_same_for_every_method_and_on_validation_episodes(plan):
+    cells = plan.search()
+    trials = {
+        method: {(c.task, c.training.steps, c.training.learning_rate) for c in cells if c.method == method}
+        for method in CONTENT["search"]["methods"]
+    }
+    assert len(trials) == 3 and len({frozenset(found) for found in trials.values()}) == 1
+    assert all(cell.split == "val" for cell in cells)
+    assert len(CONTENT["search"]["trials"]) == 4 and len(CONTENT["search"]["tasks"]) == 2
+
+
+def test_the_best_trial_has_the_best_mean_over_the_tasks(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, "ROWS", tmp_path)
+    cells = plan.search()
+    with pytest.raises(LookupError, match="is not measured yet"):
+        chosen(cells, "gem")
+    for cell in cells:
+        file_row(cell, cell.training.steps / 100 + 1000 * cell.training.learning_rate)
+    assert chosen(cells, "gem") == {"steps": 2000, "learning_rate": 0.001}
+
+
+def test_a_wrong_plan_is_refused():
+    with pytest.raises(ValueError, match="the plan lacks families"):
+        Plan({name: value for name, value in CONTENT.items() if name != "families"})
+    with pytest.raises(ValueError, match="no task is named 'put-block-in-bowel'"):
+        Plan({**CONTENT, "multi": ["put-block-in-bowel"]})
+    with pytest.raises(ValueError, match="tier must be one of experts, must"):
+        Plan(CONTENT).tier("first")
+
+
+def test_the_tables_hold_every_row_of_test_episodes(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, "ROWS", tmp_path / "rows")
+    assert main(["results", "tables", str(tmp_path / "out")]) == 2  # there is nothing to draw yet
+    for number, cell in enumerate(plan.tier("experts")):
+        file_row(cell, float(number))
+    for cell in plan.search()[:3]:
+        file_row(cell, 1.0)
+    table = plot_benchmark.arranged(benchmark.stored_rows())
+    assert set(table) == {"expert", "expert-rounded", "expert-rounded, paper"}
+    text = plot_benchmark.markdown(table, [*plan.variants])
+    assert text.count("\n") == 2 + 18
+    assert "| 0.0 [-5.0, 5.0] |" in text
+    assert main(["results", "tables", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "table-1.md").read_text().count("\n") == 2 + 19
+    assert (tmp_path / "out" / "table-1.png").stat().st_size > 10_000
+
+
+def test_two_rows_for_one_cell_of_a_table_are_refused(plan):
+    cell = plan.tier("experts")[0]
+    with pytest.raises(ValueError, match="rows must differ"):
+        plot_benchmark.arranged([row_of(cell), row_of(cell)])
+
+
+def test_snakemake_finds_a_way_to_every_row_of_the_first_tier():
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--dry-run", "--config", f"clip={clip.EMBEDDED}"]
+    command += ["--quiet", "--", "must"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
