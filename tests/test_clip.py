@@ -78,6 +78,24 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(ben
         assert f"{sum(right)} of {len(right)} words for its" in card
 
 
+def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
+    rng = np.random.default_rng(0)
+    first = rng.integers(0, 256, (3, 20, 20, 3), np.uint8)
+    second = np.concatenate([first[1:2], rng.integers(0, 256, (2, 20, 20, 3), np.uint8)])
+    asked = []
+    embed_images = model.embed_images
+    monkeypatch.setattr(model, "embed_images", lambda images: asked.append(len(images)) or embed_images(images))
+    known = [model.embed_known_images(first), model.embed_known_images(second), model.embed_known_images(first)]
+    assert asked == [3, 2]
+    assert torch.equal(known[0], known[2]) and torch.equal(known[1][0], known[0][1])
+    assert torch.allclose(known[1], embed_images(second), atol=1e-5)
+    monkeypatch.setattr(clip, "REMEMBERED", 2)
+    model.embed_known_images(second)
+    assert len(model._pictures) == 2
+    model.embed_known_images(first)
+    assert asked == [3, 2, 3]
+
+
 def test_any_text_is_accepted(model):
     assert torch.isfinite(model.embed_texts(["Zürich 東京 🤖 zzyzx"])).all()
 

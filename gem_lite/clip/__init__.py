@@ -27,6 +27,9 @@ from gem_lite.files import DATA
 EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
+REMEMBERED = 20_000
+"""A CLIP remembers the embeddings of this number of small pictures: some 40 MB."""
+
 
 class Clip:
     """A frozen image and text encoder with unit-length embeddings. `load` makes one.
@@ -62,6 +65,7 @@ class Clip:
         self.dim = int(self._model.config.projection_dim)
         self.width = int(self._model.visual_projection.in_features)
         self._texts: dict[str, torch.Tensor] = {}
+        self._pictures: dict[tuple[tuple[int, ...], bytes], torch.Tensor] = {}  # by shape and bytes, the oldest first
 
     @cached_property
     def calibration(self) -> Calibration:
@@ -87,6 +91,7 @@ class Clip:
         """Move the model to a device."""
         self._model.to(device)
         self._texts.clear()
+        self._pictures.clear()
         return self
 
     @torch.inference_mode()
@@ -130,6 +135,21 @@ class Clip:
             unit(self._model.get_image_features(pixel_values=self._pixels(part))) for part in images.split(batch_size)
         ]
         return torch.cat(features)
+
+    def embed_known_images(self, images: np.ndarray) -> torch.Tensor:
+        """As `embed_images`, but pictures that were embedded before are looked up: the last `REMEMBERED` are kept.
+
+        Between two actions, a camera without noise sees most parts of a table unchanged.
+        """
+        keys = [(images.shape[1:], image.tobytes()) for image in images]
+        new = [index for index, key in enumerate(keys) if key not in self._pictures]
+        if new:
+            for index, embedding in zip(new, self.embed_images(images[new]).cpu(), strict=True):
+                self._pictures[keys[index]] = embedding.clone()
+        embeddings = torch.stack([self._pictures[key] for key in keys])
+        for key in list(self._pictures)[: max(0, len(self._pictures) - REMEMBERED)]:
+            del self._pictures[key]
+        return embeddings
 
     @torch.inference_mode()
     def dense_features(self, image: np.ndarray, patch: int) -> torch.Tensor:

@@ -55,7 +55,7 @@ def run_episode(
             picked = body_at(environment, environment.tables[action.pick_table] @ action.pick)
             if picked in placed:
                 retaken += 1
-        step = environment.step(action)
+        step = environment.step(action, last_look=False)
         if isinstance(action, PickPlace):
             empty_picks = [] if step.grasped else [*empty_picks, action.pick]
         observations = step.observations

@@ -28,7 +28,7 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
         if expert is None:
             break
         instruction = task.instruction  # before the step, which may set the next one
-        result = environment.step(expert.action)
+        result = environment.step(expert.action, last_look=False)
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
@@ -36,9 +36,9 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
                 demonstrations.unpack(demonstrations.pack(result.trace)), result.reward,
             )
         )  # fmt: skip
-        (observation,) = result.observations
         if result.done:
             break
+        (observation,) = result.observations
     return Demonstration(task_name, split, seed, tuple(steps), environment.style.name)
 
 

@@ -121,6 +121,8 @@ class PatchEmbeddings:
 def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, needed: np.ndarray | None = None) -> PatchEmbeddings:
     """Embed the patches of an image in batches. Equal patches, such as bare table without noise, are embedded once.
 
+    Patches that an earlier image had are not embedded again (`Clip.embed_known_images`).
+
     Args:
         image: (H, W, 3) uint8.
         needed: (H, W) bool; patches without a needed pixel are skipped.
@@ -131,7 +133,7 @@ def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, needed: np.nda
         patches = patchify(image, grid, chosen)  # (N, patch, patch, 3)
         as_bytes = patches.reshape(len(patches), -1).view(np.dtype((np.void, patches[0].nbytes))).ravel()
         _, first, number = np.unique(as_bytes, return_index=True, return_inverse=True)
-        values[torch.from_numpy(chosen)] = clip.embed_images(patches[first]).cpu()[torch.from_numpy(number)]
+        values[torch.from_numpy(chosen)] = clip.embed_known_images(patches[first])[torch.from_numpy(number)]
     return PatchEmbeddings(grid, values)
 
 

@@ -33,7 +33,7 @@ class Step:
     """The result of an action.
 
     Attributes:
-        observations: one for each table, after the action.
+        observations: one for each table, after the action; none if nobody wants to look after the last one.
         reward: the change of the task's score, in [-1, 1].
         done: whether the episode is over.
         grasped: whether the tool held a body; False for a push.
@@ -117,12 +117,13 @@ class Environment(ABC):
     def observe(self) -> tuple[Observation, ...]:
         """The views of the three cameras of each table, in that table's own frame."""
 
-    def step(self, action: Action, watch: Watch | None = None) -> Step:
+    def step(self, action: Action, watch: Watch | None = None, last_look: bool = True) -> Step:
         """Carry out an action and score the result.
 
         Args:
             action: an action that the task's tool can carry out. Each pose is in the frame of its table.
             watch: called at the moments of the action.
+            last_look: whether to observe the tables after the last action of an episode, too.
 
         Raises:
             ValueError: `check` refuses the action; nothing has moved.
@@ -134,7 +135,8 @@ class Environment(ABC):
         grasped = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
         reward, done = self.conclude()
         watch("placed")
-        return Step(self.observe(), reward, done, grasped, tuple(self.effector.trace))
+        observations = self.observe() if last_look or not done else ()
+        return Step(observations, reward, done, grasped, tuple(self.effector.trace))
 
     def check(self, action: Action) -> None:
         """Refuse an action that cannot be carried out.
