@@ -27,6 +27,7 @@ COMMANDS = {
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
+    "results gallery": ("results", "Gallery", "draw the first and the last picture of every task of the benchmark"),
     "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
     "results plan": ("results", "Plan", "the experiments behind the lessons: which are filed, and which are to do"),
     "results run": ("results", "Run", "train and measure all experiments that are to do, and file their results"),

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from tqdm import tqdm
 from typing_extensions import override
 from tyro.conf import Positional
 
-from gem_lite.cli.command import Command
-from gem_lite.evaluation import benchmark, experiments, pointing, results
+from gem_lite.cli.command import Command, ImportingCommand
+from gem_lite.evaluation import benchmark, experiments, gallery, pointing, results
 from gem_lite.evaluation.experiments import Experiment
-from gem_lite.figures import plot_benchmark
+from gem_lite.figures import plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
 
 
@@ -95,6 +96,25 @@ class Tables(Command):
         write_atomically(self.folder / "table-1.md", text.encode())
         plot_benchmark.show_table(table, names).savefig(self.folder / "table-1.png", dpi=110)
         print(f"wrote {self.folder / 'table-1.md'} and {self.folder / 'table-1.png'}, from {len(rows)} rows")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gallery(ImportingCommand):
+    """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10)."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results gallery build/gallery.png --tasks align-rope",)
+
+    file: Positional[Path]
+    """picture to write"""
+    tasks: tuple[str, ...] = benchmark.VARIANTS
+    """names of the tasks (without it: the paper's eighteen)"""
+
+    @override
+    def run(self) -> None:
+        played = list(tqdm(gallery.stories(self.tasks), "episodes", len(self.tasks), unit="episode"))
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        plot_gallery.show_gallery(played).savefig(self.file, dpi=100)
+        print(f"wrote {self.file}; the expert scored {min(story.score for story in played):.2f} or more")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,15 @@ from gem_lite.policies import methods
 
 ROWS = results.RESULTS / "benchmark"
 """The folder of the rows: one file for each cell."""
+VARIANTS = (
+    "align-rope", "assembling-kits-seq-seen-colors", "assembling-kits-seq-unseen-colors",
+    "packing-box-pairs-seen-colors", "packing-box-pairs-unseen-colors", "packing-google-objects-seq-seen",
+    "packing-google-objects-seq-unseen", "packing-google-objects-group-seen", "packing-google-objects-group-unseen",
+    "packing-shapes-unseen", "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors",
+    "separating-piles-seen-colors", "separating-piles-unseen-colors", "stack-block-pyramid-seq-seen-colors",
+    "stack-block-pyramid-seq-unseen-colors", "towers-of-hanoi-seq-seen-colors", "towers-of-hanoi-seq-unseen-colors",
+)  # fmt: skip
+"""The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
 DIGITS = 12
