@@ -157,7 +157,7 @@ def test_every_task_family_has_a_results_file_of_its_own():
     )
     assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
     assert files["block-insertion"] == "block-insertion.jsonl"
-    assert len(set(files.values())) == 6
+    assert len(set(files.values())) == 13
 
 
 def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(world, monkeypatch):

@@ -236,7 +236,8 @@ def measure_and_file(
     expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
     measured = evaluate(
-        method, task_name, episodes, split, start, settings, checkpoint, clip_name, processes, world
+        method, task_name, episodes, split, start, settings=settings, checkpoint=checkpoint, clip_name=clip_name,
+        processes=processes, world=world,
     )  # fmt: skip
     rows = rows_of(method, task_name, measured, facts)
     results.file_rows(rows, path)

@@ -250,32 +250,18 @@ def train_from_folder(
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
     folders = (folder, *also)
-    several = MULTI_TASK in settings.ablations
-    if several != (len(folders) > 1):
-        raise ValueError(
-            f"a method with the ending {MULTI_TASK!r} needs several folders of demonstrations, any other method one, "
-            f"got {method.method}{settings.variant} and {len(folders)}"
-        )
-    sets = [_first_demonstrations(path, episodes) for path in folders]
-    demos = sets[0]
-    counts = sorted({len(part) for part in sets})
-    if len(counts) > 1:
-        raise ValueError(f"the folders must hold equally many demonstrations, got {counts}: give --episodes")
-    lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
-    if len(lengths) > 1:
-        raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
-    policy = method(settings.on_table(lengths[0]), clip.load(clip_name), seed=seed)
-    if several:
-        steps: Sequence[PreparedStep] = prepared_tasks(policy, sets, run, device)
-    else:
-        steps = prepared_steps(policy, demos, run, device)
+    sets = _demonstrations_of_tasks(folders, episodes, settings)
+    table = _table_length(sets)
+    policy = method(settings.on_table(table), clip.load(clip_name), seed=seed)
+    several = len(sets) > 1
+    steps = prepared_tasks(policy, sets, run, device) if several else prepared_steps(policy, sets[0], run, device)
     cost = train(policy, steps, seed, run, device)
     if not PartialState().is_main_process:
         return None
     facts = {
         "task": " + ".join(part[0].task for part in sets),
-        "demos": len(demos),
-        "demonstrations_world": demos[0].world,
+        "demos": len(sets[0]),
+        "demonstrations_world": sets[0][0].world,
         "data_sha256": _data_hash(folders, episodes),
         "seed": seed,
         "train_seconds": round(cost.seconds, 1),
@@ -285,6 +271,31 @@ def train_from_folder(
     checkpoints.save_policy(policy, checkpoint, facts)
     discard(run)
     return {"method": policy.name, **facts}
+
+
+def _demonstrations_of_tasks(
+    folders: Sequence[Path], episodes: int | None, settings: Config
+) -> list[DemonstrationSet]:  # fmt: skip
+    """The demonstrations of each folder, equally many. Several folders need a method with the ending "multi"."""
+    several = MULTI_TASK in settings.ablations
+    if several != (len(folders) > 1):
+        raise ValueError(
+            f"a method with the ending {MULTI_TASK!r} needs several folders of demonstrations, any other method one, "
+            f"got the endings {settings.variant or 'none'!r} and {len(folders)}"
+        )
+    sets = [_first_demonstrations(path, episodes) for path in folders]
+    counts = sorted({len(part) for part in sets})
+    if len(counts) > 1:
+        raise ValueError(f"the folders must hold equally many demonstrations, got {counts}: give --episodes")
+    return sets
+
+
+def _table_length(sets: Sequence[DemonstrationSet]) -> float:
+    """The length (m) of the tables of all tasks."""
+    lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
+    if len(lengths) > 1:
+        raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
+    return lengths[0]
 
 
 def _data_hash(folders: Sequence[Path], episodes: int | None) -> str:
