@@ -32,6 +32,8 @@ def model():
 
 @pytest.fixture(scope="module")
 def benchmark_model():
+    if not BENCHMARK_CLIP.exists():
+        pytest.skip("the CLIP of the benchmark is not trained yet: gem-lite clip pretrain --out data/clip-benchmark")
     return clip.load(BENCHMARK_CLIP)
 
 

@@ -54,8 +54,7 @@ class ActionModule(nn.Module):
     def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """The Fourier coefficients (B, K + 1, H, W) of the response of features to a lifted kernel (B, C, h, h)."""
         lifted = SteerableKernel.lift(kernel.float(), self.config.rotations, self.config.frequency)
-        # Contiguous: with channels last, the Fourier transforms of one scene and of two are rounded differently.
-        return lifted.correlate(features.float().contiguous())
+        return lifted.correlate(features.float())
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""

@@ -30,14 +30,15 @@ def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
     _check_features(features, kernels)
     count = kernels.shape[1]
     pairs = torch.cat([kernels, torch.zeros_like(kernels[:, : count % 2])], dim=1)
-    response = _Correlate.apply(features, torch.complex(pairs[:, 0::2], pairs[:, 1::2]))
+    response = _Correlate.apply(features.contiguous(), torch.complex(pairs[:, 0::2], pairs[:, 1::2]))
     return torch.stack([response.real, response.imag], dim=2).flatten(1, 2)[:, :count]
 
 
 def correlate_coefficients(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
     """`correlate` with the Fourier coefficients of a lifted kernel, (B, K+1, C, h, h) complex: (B, K+1, H, W)."""
     _check_features(features, coefficients)
-    return _Correlate.apply(features, coefficients)
+    # Contiguous: with channels last, the Fourier transforms of one scene and of two are rounded differently.
+    return _Correlate.apply(features.contiguous(), coefficients)
 
 
 class _Correlate(torch.autograd.Function):
