@@ -17,7 +17,14 @@ project = "gem_lite"
 author = "gem_lite developers"
 release = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "build/api/*.rst", "notebooks/*.ipynb", "data/*/README.md", "workflow/README.md", "*.md"]
+include_patterns = [
+    "docs/*.md",
+    "build/api/*.rst",
+    "notebooks/*.ipynb",
+    "data/*/README.md",
+    "workflow/README.md",
+    "*.md",
+]
 extensions = [
     "myst_nb",
     "sphinx.ext.apidoc",
