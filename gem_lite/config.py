@@ -33,8 +33,8 @@ SHARED_ENDINGS = {**SHARED_ABLATIONS, MULTI_TASK: Ablation("one policy for sever
 class Config:
     """What every method needs. The defaults are those of `lite`: for two CPU cores; `paper` is for a GPU.
 
-    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`, and
-    `ABLATIONS`.
+    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`,
+    `ABLATIONS` and `AFTER_PREPARATION`.
 
     Attributes:
         name: the preset from which it was made.
@@ -60,6 +60,12 @@ class Config:
     """The entries that each preset changes, by its name."""
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ENDINGS
     """Endings of a method's name (A.2), in the order in which a name holds several."""
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = frozenset({
+        "name", "angles", "empty_radius", "turn", "steps", "batch", "learning_rate", "ablations",
+    })  # fmt: skip
+    """The entries that the preparation of training steps does not read: names, and what only networks, training and
+    acting read. Configurations that differ in these alone have the same prepared steps (`preparation`). A method whose
+    preparation reads one of them leaves it out of its own set; a new field is in no set until somebody adds it."""
 
     name: str = "lite"
     table: float = 1.0
@@ -146,6 +152,11 @@ class Config:
     def as_dict(self) -> dict[str, Any]:
         """The entries as JSON holds them: tuples become lists."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+    @property
+    def preparation(self) -> dict[str, Any]:
+        """The entries that decide prepared training steps, as JSON holds them: all but `AFTER_PREPARATION`."""
+        return {key: value for key, value in self.as_dict().items() if key not in self.AFTER_PREPARATION}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

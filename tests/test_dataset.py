@@ -138,7 +138,7 @@ def test_the_key_of_prepared_steps_holds_what_decides_them(demo_set, tmp_path):
     with pytest.raises(ValueError, match="another data"):
         dataset.prepare(TransporterLan(SMALL, model), demos, tmp_path)
     with pytest.raises(ValueError, match="another config"):
-        dataset.prepare(TransporterLan(dataclasses.replace(SMALL, steps=4), model), demos[:1], tmp_path)
+        dataset.prepare(TransporterLan(dataclasses.replace(SMALL, parsing=False), model), demos[:1], tmp_path)
 
 
 def test_a_damaged_step_is_refused(tmp_path):
@@ -150,6 +150,15 @@ def test_a_damaged_step_is_refused(tmp_path):
         stored[0]
     with pytest.raises(FileNotFoundError, match="is missing"):
         stored[1]
+
+
+def test_steps_of_a_folder_that_was_cleaned_in_part_are_made_anew(tmp_path, capsys):
+    stored = dataset.store(steps_from(3), tmp_path, SOURCE)
+    (tmp_path / list(stored.sums)[1]).unlink()
+    again = dataset.store(steps_from(3), tmp_path, SOURCE)
+    assert "step-000001.safetensors is missing" in capsys.readouterr().out
+    assert again.fingerprint == stored.fingerprint
+    assert len(list(again)) == 3
 
 
 def live_tensors() -> int:

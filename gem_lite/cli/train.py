@@ -64,6 +64,9 @@ class Train(Method, ImportingCommand):
     """device of the training"""
     state: Path | None = None
     """folder for the state to resume from (without it: runs/<checkpoint>)"""
+    prepared: Path | None = None
+    """folder of prepared steps, for many trainings: equal steps are prepared once. It is a cache: remove it when no
+    training runs (without it: in the folder of the state, and removed after the training)"""
     also: tuple[Path, ...] = ()
     """more folders, of other tasks: one policy for all of them (--method gem-multi)"""
     config: Annotated[Config, FlagConversionOff]
@@ -85,7 +88,7 @@ class Train(Method, ImportingCommand):
             raise ValueError("--config.table must be left out: the task of the demonstrations sets it")
         card = train.train_from_folder(
             self.demonstrations, self.checkpoint, method, self.config, self._state, self.seed, self.episodes,
-            self.clip, self.device, self.also,
+            self.clip, self.device, self.also, self.prepared,
         )  # fmt: skip
         if card:
             print(

@@ -3,6 +3,9 @@
 The need for memory does not grow with the number of demonstrations: only one step is in memory at a time. The folder
 holds one safetensors file for each step, and a manifest. The manifest names every file with its SHA-256 and is
 rewritten after each step, so that a stopped preparation can continue.
+
+Trainings may share a folder. Then each set of steps has a subfolder, named by a hash of everything that decides the
+steps. So trainings that differ only in what comes after the preparation read the same files.
 """
 
 from __future__ import annotations
@@ -12,19 +15,28 @@ import functools
 import hashlib
 import json
 import shutil
+import sys
+import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 
+import filelock
 import safetensors.torch
 import torch
 from safetensors import safe_open
 from typing_extensions import override
 
-from gem_lite import files
+from gem_lite import files, registry
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.learning.mixture import Joined
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.samples import PreparedStep, Sample
+
+LIBRARIES = ("numpy", "scipy", "torch", "transformers")
+"""The libraries that compute prepared steps. With other versions, steps may differ in their last bits."""
+_PROCESS = uuid.uuid4().hex
+"""Stands for the code of modules without a file, such as a notebook: each process may have other code there."""
 
 
 class StoredSteps(files.FileSequence[PreparedStep]):
@@ -61,7 +73,8 @@ def store(
     Args:
         steps_from: called with the number of existing steps; returns the other steps in their order.
         source: the facts that decide the content of the steps, ready for JSON.
-        code: identifies the version of the program. Steps of another version are removed and computed again.
+        code: identifies the version of the program. Steps of another version are removed and computed again. So are
+            all steps if a file is missing.
 
     Raises:
         ValueError: ``folder`` holds steps with another source.
@@ -81,53 +94,128 @@ def store(
     return StoredSteps(folder, sums)
 
 
-def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path) -> StoredSteps:
+def share(
+    steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, source: Mapping[str, object], code: str
+) -> StoredSteps:
+    """`store` in a subfolder of ``folder`` that is named by a hash of ``source`` and ``code``.
+
+    Of several processes that need the same steps, one makes them, and the others wait and then read them.
+
+    Raises:
+        OSError: a step cannot be written; the steps before it stay.
+    """
+    facts = json.dumps({"source": source, "code": code}, sort_keys=True)
+    own = folder / hashlib.sha256(facts.encode()).hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    # Beside the subfolder, since `store` may begin with removing the subfolder.
+    lock = filelock.FileLock(own.with_suffix(".lock"))
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        print(f"another process prepares the same steps in {own}: waiting for it")
+        lock.acquire()
+    try:
+        return store(steps_from, own, source, code)
+    finally:
+        lock.release()
+
+
+def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, shared: bool = False) -> StoredSteps:
     """Prepare demonstrations for training: fill the policy's memory, and `store` the prepared steps.
+
+    Args:
+        shared: whether ``folder`` is for the steps of many trainings, see `share`.
 
     Raises: see `prepare_steps`.
     """
     policy.remember(demos)
-    return prepare_steps(policy, demos, folder, {})
+    return prepare_steps(policy, demos, folder, [demos], shared)
 
 
-def prepare_tasks(policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], folder: Path) -> Joined[PreparedStep]:
+def prepare_tasks(
+    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], folder: Path, shared: bool = False
+) -> Joined[PreparedStep]:
     """`prepare` the demonstrations of several tasks for one policy. It may retrieve crops of every task.
 
     Raises: see `prepare_steps`.
     """
     policy.remember(Joined(sets))
-    memory = {"memory": [demos.digest for demos in sets]}
-    return Joined([prepare_steps(policy, demos, folder / str(number), memory) for number, demos in enumerate(sets)])
+    return Joined([
+        prepare_steps(policy, demos, folder if shared else folder / str(number), sets, shared)
+        for number, demos in enumerate(sets)
+    ])  # fmt: skip
 
 
 def prepare_steps(
-    policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, more: Mapping[str, object]
-) -> StoredSteps:
-    """`store` the prepared steps of demonstrations.
+    policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, remembered: Sequence[DemonstrationSet],
+    shared: bool = False,
+) -> StoredSteps:  # fmt: skip
+    """`store` or `share` the prepared steps of demonstrations.
 
     Args:
-        more: further facts that decide the content of the steps, ready for JSON.
+        remembered: the demonstrations that the policy was given to remember, in their order.
+        shared: see `prepare`.
 
     Raises:
-        ValueError: ``folder`` holds steps of other demonstrations, or for another method, configuration or CLIP; or a
-            step lacks the view of a camera.
+        ValueError: a step lacks the view of a camera; or ``folder`` is not shared, and holds steps of other
+            demonstrations, or for another method, configuration or CLIP.
         OSError: a step cannot be written; the steps before it stay.
     """
-    parser = getattr(policy.parser, "__qualname__", type(policy.parser).__qualname__)
-    source = {
-        "data": demos.digest, "method": policy.name, "config": policy.config.as_dict(),
-        "clip": policy.clip.fingerprint, "parser": parser, **more,
-    }  # fmt: skip
-    return store(functools.partial(policy.prepare, demos), folder, source, code_digest())
+    put = share if shared else store
+    source = identity(policy, demos, remembered)
+    return put(functools.partial(policy.prepare, demos), folder, source, code_digest(policy))
 
 
-def code_digest() -> str:
-    """SHA-256 of the library's source files. It changes with every change of the code, also of the preparation."""
+def identity(
+    policy: PickPlacePolicy, demos: DemonstrationSet, remembered: Sequence[DemonstrationSet]
+) -> dict[str, object]:
+    """The facts that decide the prepared steps, except for the program; ready for JSON.
+
+    Entries of the configuration that the preparation does not read are left out (`Config.preparation`). What is
+    remembered counts only for a method that remembers: without a memory, the steps of a task are the same, whether it
+    is trained alone or with others. A parser counts by its name, so two different ones need different names.
+
+    Args:
+        remembered: see `prepare_steps`.
+    """
+    kind = type(policy)
+    parser = policy.parser if hasattr(policy.parser, "__qualname__") else type(policy.parser)
+    remembers = kind.remember is not PickPlacePolicy.remember
+    return {
+        "data": demos.digest,
+        "method": f"{kind.__module__}.{kind.__qualname__}",
+        "config": policy.config.preparation,
+        "clip": policy.clip.fingerprint,
+        "device": policy.clip.device.type,
+        "parser": f"{parser.__module__}.{parser.__qualname__}",
+        "memory": [known.digest for known in remembered] if remembers else None,
+    }
+
+
+def code_digest(policy: PickPlacePolicy) -> str:
+    """SHA-256 of the program that prepares steps for a policy. It changes with every change of the library's code.
+
+    It also changes with the files of modules outside the library that define the policy or register something, and with
+    the versions of `LIBRARIES`. Other modules that these import are not looked at.
+    """
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
+    for name in _outside_modules(policy):
+        file = getattr(sys.modules.get(name), "__file__", None)
+        digest.update(name.encode() + (Path(file).read_bytes() if file else _PROCESS.encode()))
+    for library in LIBRARIES:
+        digest.update(f"{library} {metadata.version(library)}".encode())
     return digest.hexdigest()
+
+
+def _outside_modules(policy: PickPlacePolicy) -> list[str]:
+    """The modules outside the library that define the policy's class or parser, or register something."""
+    parser = getattr(policy.parser, "__module__", type(policy.parser).__module__)
+    names = {*registry.modules(), parser, *(kind.__module__ for kind in type(policy).__mro__)}
+    known = {"gem_lite", "torch", *sys.stdlib_module_names}
+    return sorted(name for name in names if name.partition(".")[0] not in known)
 
 
 def _open_manifest(folder: Path, source: dict, code: str) -> dict:
@@ -142,9 +230,11 @@ def _open_manifest(folder: Path, source: dict, code: str) -> dict:
             raise ValueError(
                 f"{folder} holds steps prepared from another {', '.join(differing)}; give another run, or remove it"
             )
-        if manifest["code"] == code:
+        missing = [name for name in manifest["files"] if not (folder / name).exists()]
+        if manifest["code"] == code and not missing:
             return manifest
-        print(f"the program has changed: the steps in {folder} are prepared again")
+        reason = f"{missing[0]} is missing" if missing else "the program has changed"
+        print(f"{reason}: the steps in {folder} are prepared again")
     shutil.rmtree(folder, ignore_errors=True)
     return {"source": source, "code": code, "whole": False, "files": {}}
 

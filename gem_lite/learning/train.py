@@ -187,26 +187,33 @@ def _step_rng(seed: int, step: int, process: int) -> np.random.Generator:
     return np.random.default_rng((seed, step, process) if process else (seed, step))
 
 
-def prepared_steps(policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, device: str = "cpu") -> StoredSteps:
-    """The prepared steps of demonstrations, in files in ``run``, for `train`.
+def prepared_steps(
+    policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, device: str = "cpu", shared: Path | None = None
+) -> StoredSteps:
+    """The prepared steps of demonstrations, in files, for `train`.
 
     A stopped preparation continues. With several processes, one prepares the steps, and the others wait.
+
+    Args:
+        shared: a folder for the steps of many trainings. Trainings with the same steps prepare them once. Without it,
+            the files are in ``run``, for this training alone.
 
     Raises:
         ValueError, OSError: the errors of `dataset.prepare`.
     """
     team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
     with team.main_process_first():
-        return dataset.prepare(policy, demos, run / PREPARED)
+        return dataset.prepare(policy, demos, shared or run / PREPARED, shared is not None)
 
 
 def prepared_tasks(
-    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu"
-) -> Sequence[PreparedStep]:
+    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu",
+    shared: Path | None = None,
+) -> Sequence[PreparedStep]:  # fmt: skip
     """As `prepared_steps`, for the demonstrations of several tasks."""
     team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
     with team.main_process_first():
-        return dataset.prepare_tasks(policy, sets, run / PREPARED)
+        return dataset.prepare_tasks(policy, sets, shared or run / PREPARED, shared is not None)
 
 
 def discard(run: Path) -> None:
@@ -225,6 +232,7 @@ def hardware(device: str) -> str:
 def train_from_folder(
     folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu", also: Sequence[Path] = (),
+    shared: Path | None = None,
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
@@ -235,6 +243,7 @@ def train_from_folder(
         episodes: the number of demonstrations to use, from the first; by default all.
         clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
+        shared: see `prepared_steps`.
 
     Returns:
         The facts about the training, as on the checkpoint's card. With several processes, only the first writes the
@@ -251,10 +260,9 @@ def train_from_folder(
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
     folders = (folder, *also)
     sets = _demonstrations_of_tasks(folders, episodes, settings)
-    table = _table_length(sets)
-    policy = method(settings.on_table(table), clip.load(clip_name), seed=seed)
-    several = len(sets) > 1
-    steps = prepared_tasks(policy, sets, run, device) if several else prepared_steps(policy, sets[0], run, device)
+    policy = method(settings.on_table(_table_length(sets)), clip.load(clip_name), seed=seed)
+    places = (run, device, shared)
+    steps = prepared_tasks(policy, sets, *places) if also else prepared_steps(policy, sets[0], *places)
     cost = train(policy, steps, seed, run, device)
     if not PartialState().is_main_process:
         return None

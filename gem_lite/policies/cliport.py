@@ -44,6 +44,7 @@ class ClipPortConfig(KeyQueryConfig):
         "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
         **SHARED_ENDINGS,
     }
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"recolor"}
 
     top_patch: float = 0.125
     recolor: bool = True

@@ -77,6 +77,10 @@ class GemConfig(PatchConfig):
         },
     }  # fmt: skip
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = PatchConfig.AFTER_PREPARATION | {
+        "drop_image_map", "map_gain", "map_offset", "recolor", "peak_margin", "peak_radius", "rotations", "frequency",
+        "kernel", "crop", "widths", "kernel_widths", "fields", "channels", "kernels", "language_in_attention",
+    }  # fmt: skip
 
     text_weight: float = 0.8
     image_weight: float = 0.2

@@ -46,6 +46,7 @@ class KeyQueryConfig(Config):
         "lite": {},
         "paper": {**Config.PRESETS["paper"], "widths": (32, 64, 128, 256), "query": 31},
     }
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {"widths", "channels", "query"}
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
     channels: int = 3
@@ -66,6 +67,7 @@ class TransporterConfig(KeyQueryConfig):
         "lite": {},
         "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
     }
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins"}
 
     joins: int = 2
 
