@@ -1,8 +1,8 @@
 """Prepared steps in files: computed one at a time, written once, and read when a training draws them.
 
 The need for memory does not grow with the number of demonstrations: only one step is in memory at a time. The folder
-holds one safetensors file for each step, and a manifest. The manifest names every file with its SHA-256 and is
-rewritten after each step, so that a stopped preparation can continue.
+holds one compressed safetensors file for each step, and a manifest. The manifest names every file with its SHA-256. It
+is rewritten after each step, so that a stopped preparation can continue.
 
 Trainings may share a folder. Then each set of steps has a subfolder, named by a hash of everything that decides the
 steps. So trainings that differ only in what comes after the preparation read the same files.
@@ -17,6 +17,7 @@ import json
 import shutil
 import sys
 import uuid
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -24,7 +25,6 @@ from pathlib import Path
 import filelock
 import safetensors.torch
 import torch
-from safetensors import safe_open
 from typing_extensions import override
 
 from gem_lite import files, registry
@@ -44,7 +44,7 @@ class StoredSteps(files.FileSequence[PreparedStep]):
 
     @override
     def decode(self, path: Path, content: bytes) -> PreparedStep:
-        return _decode(path)
+        return _decode(content)
 
     @property
     def fingerprint(self) -> str:
@@ -85,7 +85,7 @@ def store(
     if not manifest["whole"]:
         for number, step in enumerate(steps_from(len(sums)), len(sums)):
             content = _encode(step)
-            name = f"step-{number:06d}.safetensors"
+            name = f"step-{number:06d}.safetensors.zlib"
             files.write_atomically(folder / name, content)
             sums[name] = hashlib.sha256(content).hexdigest()
             _write_manifest(folder, manifest)
@@ -244,7 +244,11 @@ def _write_manifest(folder: Path, manifest: dict) -> None:
 
 
 def _encode(step: PreparedStep) -> bytes:
-    """A step as one safetensors file: each tensor once. The metadata hold all other values and the tensors' names."""
+    """A step as one compressed safetensors file: each tensor once.
+
+    The tensor "samples" is JSON: all other values, and the tensors' names. Compression loses nothing, and the files are
+    a third as large: colours have few values, and cells that no camera saw copy their neighbours.
+    """
     tensors: dict[str, torch.Tensor] = {}
     names: dict[tuple, str] = {}  # the name of each tensor, by its content
 
@@ -266,15 +270,14 @@ def _encode(step: PreparedStep) -> bytes:
         }
         for role in dataclasses.fields(step)
     }
-    # Equal steps must have equal bytes, so there is one key of metadata: safetensors keeps no order of keys.
-    return safetensors.torch.save(tensors, {"samples": json.dumps(samples)})
+    tensors["samples"] = torch.frombuffer(bytearray(json.dumps(samples).encode()), dtype=torch.uint8)
+    return zlib.compress(safetensors.torch.save(tensors), level=1)
 
 
-def _decode(path: Path) -> PreparedStep:
+def _decode(content: bytes) -> PreparedStep:
     """The inverse of `_encode`."""
-    with safe_open(path, "pt") as file:
-        samples = json.loads(file.metadata()["samples"])
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    tensors = safetensors.torch.load(zlib.decompress(content))
+    samples = json.loads(tensors.pop("samples").numpy().tobytes())
 
     def decode_value(value: object) -> object:
         if isinstance(value, list):
