@@ -15,7 +15,7 @@ from gem_lite.learning import dataset
 from gem_lite.policies import gem_config, methods
 from gem_lite.policies.base import PickPlacePolicy
 
-NAMES = tuple(methods.METHODS.names())
+NAMES = tuple(name for name in methods.METHODS.names() if methods.METHODS.find(name).__module__.startswith("gem_lite"))
 CHANGED = {
     "name": "paper", "angles": 8, "empty_radius": 0.03, "turn": False, "steps": 7, "batch": 3, "learning_rate": 0.5,
     "ablations": ("multi",), "drop_image_map": 0.9, "map_gain": (0.1, 0.2), "map_offset": 0.4, "recolor": False,

@@ -65,8 +65,7 @@ class Train(Method, ImportingCommand):
     state: Path | None = None
     """folder for the state to resume from (without it: runs/<checkpoint>)"""
     prepared: Path | None = None
-    """folder of prepared steps, for many trainings: equal steps are prepared once. It is a cache: remove it when no
-    training runs (without it: in the folder of the state, and removed after the training)"""
+    """cache of prepared steps that trainings share; it may be deleted when none runs (without it: kept in --state)"""
     also: tuple[Path, ...] = ()
     """more folders, of other tasks: one policy for all of them (--method gem-multi)"""
     config: Annotated[Config, FlagConversionOff]
