@@ -11,7 +11,8 @@ import pytest
 from gem_lite import colors, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import shapes
+from gem_lite.simulation import shapes, worlds
+from gem_lite.simulation.rendering import render
 from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace
 
@@ -30,6 +31,17 @@ def bowl(pose, movable=False):
 
 def distance(a, b):
     return math.hypot(a.x - b.x, a.y - b.y)
+
+
+@pytest.mark.parametrize("name", ["home", "bright-light", "shadows"])
+def test_pictures_with_a_stored_floor_are_those_with_a_rendered_floor(name):
+    with World(style=worlds.style(name)) as world:
+        for task in (SEEN_TASK, "packing-shapes-seen"):
+            (observation,) = world.reset(tasks.make(task, "val"), seed=1)
+            for view in observation.views:
+                whole, _ = render(world.client, view.camera, world.style.light)
+                assert (view.rgb == whole.rgb).all()
+                assert (view.depth == whole.depth).all()
 
 
 # Colours -------------------------------------------------------------------------------------------------

@@ -223,14 +223,19 @@ class Environment(ABC):
         self.furnish()
         self.effector = make_effector(self.client, self.parked)
 
-    def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> None:
-        """Add a fixed box with its upper face at the height ``top``. If it is not ``solid``, it is visible only."""
+    def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> int:
+        """Add a fixed box with its upper face at the height ``top``. If it is not ``solid``, it is visible only.
+
+        Returns:
+            Its id.
+        """
         common = dict(halfExtents=half, physicsClientId=self.client)
         visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
         collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1
         position = (pose.x, pose.y, top - half[2])
         body = p.createMultiBody(0, collision, visual, position, quaternion(pose.yaw), physicsClientId=self.client)
         p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self.client)
+        return body
 
     def add(self, body: Body) -> Body:
         """Register a body that was made in this environment's physics client."""

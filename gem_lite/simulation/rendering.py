@@ -90,6 +90,13 @@ def render(
     return View(camera, rgb, depth), masks
 
 
+def with_background(view: View, background: View) -> View:
+    """The view where it is nearer than a background of the same camera, elsewhere the background."""
+    behind = view.depth > background.depth
+    rgb = np.where(behind[..., None], background.rgb, view.rgb)
+    return View(view.camera, rgb, np.where(behind, background.depth, view.depth))
+
+
 def projection(camera: Camera) -> list[float]:
     """The OpenGL projection matrix (16 numbers) that makes TinyRenderer use ``camera.intrinsics``."""
     height, width = camera.size

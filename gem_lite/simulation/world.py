@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import pybullet as p
 from typing_extensions import override
 
+from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.rendering import cameras_around, render
-from gem_lite.simulation.worlds import TABLE_COLOR
+from gem_lite.simulation.rendering import cameras_around, render, with_background
+from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
+
+INVISIBLE = (0.0, 0.0, 0.0, 0.0)
 
 
 class World(Environment):
@@ -17,17 +23,44 @@ class World(Environment):
     @override
     def furnish(self) -> None:
         w = self.workspace
-        centre = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005)
-        self.add_slab(centre, half, 0.0, TABLE_COLOR, solid=False)
-        self.add_slab(centre, (3.0, 3.0, 0.05), 0.0, (0, 0, 0, 0), solid=True)
-        self.add_slab(centre, (3.0, 3.0, 0.0005), -0.1, self.style.floor, solid=False)
+        self.add_slab(self._centre, half, 0.0, TABLE_COLOR, solid=False)
+        self.add_slab(self._centre, (3.0, 3.0, 0.05), 0.0, INVISIBLE, solid=True)
+        self._floor = self.add_floor()
+
+    def add_floor(self) -> int:
+        """Add the floor round the table. Returns its id."""
+        return self.add_slab(self._centre, (3.0, 3.0, 0.0005), -0.1, self.style.floor, solid=False)
+
+    @property
+    def _centre(self) -> Pose2:
+        w = self.workspace
+        return Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
 
     @override
     def observe(self) -> tuple[Observation, ...]:
         cameras = cameras_around(self.workspace)
-        return (Observation(tuple(render(self.client, camera, self.style.light)[0] for camera in cameras)),)
+        if self.style.light.shadow:  # The shadows of the bodies fall on the floor.
+            return (Observation(self._views(cameras)),)
+        # The floor fills the pictures, so its pixels are most of the renderer's work, and they never change.
+        p.changeVisualShape(self._floor, -1, rgbaColor=INVISIBLE, physicsClientId=self.client)
+        views = self._views(cameras)
+        p.changeVisualShape(self._floor, -1, rgbaColor=self.style.floor, physicsClientId=self.client)
+        floors = _floor_views(self.style, self.workspace)
+        return (Observation(tuple(map(with_background, views, floors))),)
+
+    def _views(self, cameras: tuple[Camera, ...]) -> tuple[View, ...]:
+        return tuple(render(self.client, camera, self.style.light)[0] for camera in cameras)
 
     @override
     def reach(self, table: int) -> Pose2:
         return self.tables[table]
+
+
+@lru_cache(maxsize=16)
+def _floor_views(style: WorldStyle, workspace: Workspace) -> tuple[View, ...]:
+    """What the cameras see of the floor alone."""
+    with World(style=style) as world:
+        world.workspace = workspace
+        world.add_floor()
+        return world._views(cameras_around(workspace))
