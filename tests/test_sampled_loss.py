@@ -9,26 +9,25 @@ from gem_lite.policies import gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.samples import cross_entropy
 from gem_lite.se2 import angle_bins
-from gem_lite.steerable.correlation import sample
+from gem_lite.steerable.correlation import sample_parts
 from gem_lite.steerable.loss import PIXELS, sampled_cross_entropy
 
 ANGLES = torch.tensor(angle_bins(36), dtype=torch.float32)
 CELLS = [([3, 7], 10, 20), ([5], 39, 49), (list(range(36)), 0, 0)]
 
 
-def random_response(scale, height=40, width=50):
+def random_parts(scale, height=40, width=50):
     generator = torch.Generator().manual_seed(0)
-    parts = torch.randn(2, len(CELLS), 9, height, width, generator=generator) * scale
-    return torch.complex(*parts)
+    return torch.randn(len(CELLS), 18, height, width, generator=generator) * scale
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 30.0])
 def test_loss_and_gradient_are_those_of_the_plain_cross_entropy(scale):
-    response = random_response(scale)
+    response = random_parts(scale)
     assert response[0, 0].numel() > PIXELS  # more than one block
     results = []
     for loss in (
-        lambda values: cross_entropy(sample(values, ANGLES), CELLS),
+        lambda values: cross_entropy(sample_parts(values, ANGLES), CELLS),
         lambda values: sampled_cross_entropy(values, ANGLES, CELLS),
     ):
         values = response.clone().requires_grad_()
@@ -41,7 +40,7 @@ def test_loss_and_gradient_are_those_of_the_plain_cross_entropy(scale):
 
 
 def test_equal_logits_cost_the_logarithm_of_their_number():
-    response = torch.zeros(len(CELLS), 9, 40, 50, dtype=torch.complex64)
+    response = torch.zeros(len(CELLS), 18, 40, 50)
     assert sampled_cross_entropy(response, ANGLES, CELLS).item() == pytest.approx(math.log(36 * 40 * 50), rel=1e-5)
 
 

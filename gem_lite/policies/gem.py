@@ -25,7 +25,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.steerable import SteerableKernel
-from gem_lite.steerable.correlation import correlate, sample
+from gem_lite.steerable.correlation import correlate, sample_parts
 from gem_lite.steerable.loss import sampled_cross_entropy
 
 
@@ -52,16 +52,16 @@ class ActionModule(nn.Module):
         return self.encoder(rgbd, words) * self.refiner(semantic, rgbd[:, 3:])
 
     def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
-        """The Fourier coefficients (B, K + 1, H, W) of the response of features to a lifted kernel (B, C, h, h)."""
+        """The response of features to a lifted kernel (B, C, h, h): `SteerableKernel.correlate_parts`."""
         lifted = SteerableKernel.lift(kernel.float(), self.config.rotations, self.config.frequency)
-        return lifted.correlate(features.float())
+        return lifted.correlate_parts(features.float())
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
         # Fourier transforms and logits need full precision, even where training uses mixed precision.
         with torch.autocast(features.device.type, enabled=False):
             if self.config.kernels == "steerable":
-                return sample(self.respond(features, kernel), self.angles)
+                return sample_parts(self.respond(features, kernel), self.angles)
             scores = correlate(features.float(), kernel.float().unflatten(1, (-1, self.config.channels)))
             return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel gives every angle the same score
 

@@ -32,7 +32,7 @@ import torch
 from scipy.special import jn_zeros, jv
 
 from gem_lite.se2 import angle_bins
-from gem_lite.steerable.correlation import correlate_coefficients
+from gem_lite.steerable.correlation import correlate_coefficients, correlate_parts
 
 
 def disc(size: int) -> torch.Tensor:
@@ -195,6 +195,10 @@ class SteerableKernel:
             ValueError: batch or channels are not the kernel's.
         """
         return correlate_coefficients(features, self.coefficients)
+
+    def correlate_parts(self, features: torch.Tensor) -> torch.Tensor:
+        """As `correlate`, (B, 2(K + 1), H, W) real: the real parts, then the imaginary parts."""
+        return correlate_parts(features, self.coefficients)
 
 
 def _check_kernel(kernel: torch.Tensor) -> torch.Size:

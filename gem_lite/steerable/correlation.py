@@ -6,16 +6,15 @@ import math
 from typing import Any
 
 import torch
+import torch.nn.functional as F
 from scipy.fft import next_fast_len
 
-BLOCK = 2**18
-"""The most complex numbers in one block of kernels' spectra: small enough for a core's cache."""
+BLOCK = 2**19
+"""The most complex numbers in one block of windows: small enough for a core's cache."""
 
 
 def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
     """Cross-correlate with plain real kernels, which belong to no orbit. The border is that of `SteerableKernel`.
-
-    Two kernels are transformed as the real and the imaginary part of one, which halves the transforms.
 
     Args:
         features: (B, C, H, W).
@@ -28,39 +27,40 @@ def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
         ValueError: batch or channels are not the kernels'.
     """
     _check_features(features, kernels)
-    count = kernels.shape[1]
-    pairs = torch.cat([kernels, torch.zeros_like(kernels[:, : count % 2])], dim=1)
-    response = _Correlate.apply(features.contiguous(), torch.complex(pairs[:, 0::2], pairs[:, 1::2]))
-    return torch.stack([response.real, response.imag], dim=2).flatten(1, 2)[:, :count]
+    return _Correlate.apply(features.contiguous(), kernels)
 
 
 def correlate_coefficients(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
     """`correlate` with the Fourier coefficients of a lifted kernel, (B, K+1, C, h, h) complex: (B, K+1, H, W)."""
-    _check_features(features, coefficients)
-    # Contiguous: with channels last, the Fourier transforms of one scene and of two are rounded differently.
-    return _Correlate.apply(features.contiguous(), coefficients)
+    return torch.complex(*correlate_parts(features, coefficients).chunk(2, dim=1))
+
+
+def correlate_parts(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
+    """As `correlate_coefficients`, (B, 2(K+1), H, W) real: the real parts, then the imaginary parts."""
+    return correlate(features, torch.cat([coefficients.real, coefficients.imag], dim=1))
 
 
 class _Correlate(torch.autograd.Function):
-    """C_k(v) = sum_w F(v + w) c_k(w) by FFT: C^_k(omega) = F^(omega) c^_k(-omega).
+    """R_n(v) = sum_w F(v + w) k_n(w): by Fourier transform along a picture's columns, by plain sums along its rows.
 
-    The derivatives are written out: torch would keep every kernel's spectrum until the backward pass, while here a
-    spectrum is kept for one block of frequencies only. Mirrored kernels have their corner, not their centre, at pixel
-    (0, 0), so the results are shifted by h // 2.
+    For each frequency omega along y, R^_n(omega, x) = sum over c and j of k^_n(omega, c, j) F^_c(omega, x + j): a
+    product of two small matrices. For small kernels, this is faster than transforms in two dimensions, where a kernel's
+    spectrum is as large as the picture.
+
+    The derivatives are written out: torch would keep the matrices of all features until the backward pass, while here
+    they are made twice, one block at a time.
     """
 
     @staticmethod
-    def forward(ctx: Any, features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:  # noqa: ANN401
-        ctx.save_for_backward(features, coefficients)
-        height, width = features.shape[-2:]
-        half = coefficients.shape[-1] // 2
-        shape = _padded_shape(features, half)
-        spectrum = torch.fft.fft2(features, shape)[:, None]  # (B, 1, C, P, Q)
-        out = coefficients.new_empty(len(features), coefficients.shape[1], height, width)
-        for block in _blocks(features, coefficients, shape):
-            product = (spectrum * _mirrored_spectrum(coefficients[:, block], shape)).sum(dim=2)
-            out[:, block] = torch.fft.ifft2(product)[..., half : half + height, half : half + width]
-        return out
+    def forward(ctx: Any, features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:  # noqa: ANN401
+        ctx.save_for_backward(features, kernels)
+        plan = _Plan(features, kernels)
+        matrices = plan.kernel_spectra(kernels)
+        spectra = plan.feature_spectra(features)
+        response = spectra.new_empty(*spectra.shape[:2], kernels.shape[1], plan.width)
+        for member, block in plan.blocks:
+            torch.bmm(matrices[member, block], plan.windows(spectra[member, block]), out=response[member, block])
+        return torch.fft.irfft(response, plan.period, dim=1)[:, : plan.height].movedim(1, 2)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -68,47 +68,78 @@ class _Correlate(torch.autograd.Function):
         ctx: Any,  # noqa: ANN401 (torch gives it no type that knows its tensors)
         grad: torch.Tensor,
     ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-        features, coefficients = ctx.saved_tensors
-        height, width = features.shape[-2:]
-        half = coefficients.shape[-1] // 2
-        shape = _padded_shape(features, half)
-        spectrum = torch.fft.fft2(features, shape).conj()[:, None]
-        lags = torch.arange(-half, half + 1, device=features.device)
-        features_grad: torch.Tensor | None = None
-        coefficients_grad: torch.Tensor | None = None
-        if ctx.needs_input_grad[0]:
-            total = spectrum.new_zeros(spectrum[:, 0].shape)
-        if ctx.needs_input_grad[1]:
-            coefficients_grad = torch.empty_like(coefficients)
-        for block in _blocks(features, coefficients, shape):
-            grads = torch.fft.fft2(grad[:, block], shape)[:, :, None]  # (B, k, 1, P, Q)
-            if ctx.needs_input_grad[0]:
-                total += (_mirrored_spectrum(coefficients[:, block], shape).conj() * grads).sum(dim=1)
-            if coefficients_grad is not None:
-                rows = torch.fft.ifft(spectrum * grads, dim=-2)[..., lags, :]
-                each = torch.fft.ifft(rows)[..., lags].flip(-2, -1)
-                coefficients_grad[:, block] = each.sum_to_size(coefficients[:, block].shape)
-        if ctx.needs_input_grad[0]:
-            features_grad = torch.fft.ifft2(total).real.roll((half, half), (-2, -1))[..., :height, :width]
-        return features_grad, coefficients_grad
+        features, kernels = ctx.saved_tensors
+        plan = _Plan(features, kernels)
+        grads = torch.fft.rfft(grad.movedim(2, 1), plan.period, dim=1).contiguous()  # (B, P', N, W)
+        features_grad = plan.features_grad(kernels, grads) if ctx.needs_input_grad[0] else None
+        kernels_grad = plan.kernels_grad(features, grads, kernels.shape) if ctx.needs_input_grad[1] else None
+        return features_grad, kernels_grad
 
 
-def _padded_shape(features: torch.Tensor, half: int) -> tuple[int, int]:
-    """A fast size for the FFT at which a kernel at one border does not reach the opposite border."""
-    height, width = features.shape[-2:]
-    return next_fast_len(height + half), next_fast_len(width + half)
+class _Plan:
+    """The transforms of one correlation of features (B, C, H, W) with kernels (B, N, C, h, h).
 
+    The period P is fast for the FFT, and so long that a kernel at one border does not reach the other border.
+    P' = P // 2 + 1 frequencies are kept: the others are conjugates, because features and kernels are real.
 
-def _blocks(features: torch.Tensor, coefficients: torch.Tensor, shape: tuple[int, int]) -> list[slice]:
-    """Consecutive frequencies, so many at once that their spectra fit `BLOCK`."""
-    terms = coefficients.shape[1]
-    step = max(1, BLOCK // (math.prod(features.shape[:2]) * math.prod(shape)))
-    return [slice(start, start + step) for start in range(0, terms, step)]
+    Attributes:
+        blocks: a member of the batch and consecutive frequencies, so many that their windows fit `BLOCK`.
+    """
 
+    def __init__(self, features: torch.Tensor, kernels: torch.Tensor) -> None:
+        self.batch, channels, self.height, self.width = features.shape
+        self.size = kernels.shape[-1]
+        self.half = self.size // 2
+        self.period = next_fast_len(self.height + self.half)
+        self.frequencies = self.period // 2 + 1
+        step = max(1, BLOCK // (channels * self.size * self.width))
+        starts = range(0, self.frequencies, step)
+        self.blocks = [(member, slice(start, start + step)) for member in range(self.batch) for start in starts]
 
-def _mirrored_spectrum(kernels: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Spectrum of kernels (..., h, h) mirrored in their centre; rows that are all 0 are not transformed."""
-    return torch.fft.fft(torch.fft.fft(kernels.flip(-2, -1), shape[1]), shape[0], dim=-2)
+    def feature_spectra(self, features: torch.Tensor) -> torch.Tensor:
+        """(B, P', C, W + 2 (h // 2)): the features' spectra along y, with zeros on both sides."""
+        return torch.fft.rfft(F.pad(features, (self.half, self.half)).movedim(2, 1), self.period, dim=1)
+
+    def windows(self, spectra: torch.Tensor) -> torch.Tensor:
+        """The matrices (k, C h, W) of k frequencies: the spectra shifted by each lag along x."""
+        return spectra.unfold(-1, self.width, 1).flatten(1, 2)
+
+    def kernel_spectra(self, kernels: torch.Tensor) -> torch.Tensor:
+        """The matrices (B, P', N, C h): the kernels' spectra along y, conjugated: correlation mirrors a kernel."""
+        rows = kernels.movedim(3, 1).flatten(2)  # (B, h, N C h)
+        waves = self._waves(kernels)
+        spectra = torch.complex(waves.real @ rows, waves.imag @ rows)
+        return spectra.unflatten(2, (kernels.shape[1], -1)).expand(self.batch, -1, -1, -1)
+
+    def features_grad(self, kernels: torch.Tensor, grads: torch.Tensor) -> torch.Tensor:
+        """The features' gradient from the response's gradient, given by its spectra (B, P', N, W)."""
+        matrices = self.kernel_spectra(kernels)
+        total = grads.new_zeros(*grads.shape[:2], kernels.shape[2], self.width + 2 * self.half)
+        for member, block in self.blocks:
+            windows = (matrices[member, block].mH @ grads[member, block]).unflatten(1, (-1, self.size))
+            for lag in range(self.size):
+                total[member, block, :, lag : lag + self.width] += windows[:, :, lag]
+        rows = torch.fft.irfft(total, self.period, dim=1)[:, : self.height]
+        return rows[..., self.half : self.half + self.width].movedim(1, 2)
+
+    def kernels_grad(self, features: torch.Tensor, grads: torch.Tensor, shape: torch.Size) -> torch.Tensor:
+        """As `features_grad`, the gradient of kernels of a ``shape``."""
+        spectra = self.feature_spectra(features)
+        products = grads.new_empty(*grads.shape[:2], shape[2] * self.size, shape[1])
+        for member, block in self.blocks:
+            torch.bmm(self.windows(spectra[member, block]), grads[member, block].mH, out=products[member, block])
+        waves = self._waves(features).T / self.period  # (h, P')
+        waves[:, 1 : (self.period + 1) // 2] *= 2  # These frequencies stand for their conjugates, too.
+        flat = products.flatten(2)
+        rows = waves.real @ flat.real - waves.imag @ flat.imag  # (B, h, C h N)
+        return rows.unflatten(2, (-1, self.size, shape[1])).permute(0, 4, 2, 1, 3).sum_to_size(shape)
+
+    def _waves(self, like: torch.Tensor) -> torch.Tensor:
+        """(P', h): exp(i omega y) for each frequency and each lag along y."""
+        lags = torch.arange(-self.half, self.half + 1, device=like.device)
+        turns = torch.arange(self.frequencies, device=like.device)[:, None] * lags % self.period
+        angles = turns.to(like.dtype) * (2 * math.pi / self.period)
+        return torch.polar(torch.ones_like(angles), angles)
 
 
 def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
@@ -121,10 +152,13 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
     Returns:
         (B, R, H, W) real.
     """
-    batch, terms, height, width = response.shape
-    basis = sampling_matrix(terms, angles).to(response.real)  # (R, 2(K+1))
-    flat = torch.cat([response.real, response.imag], dim=1).flatten(2)  # (B, 2(K+1), H*W)
-    return (basis @ flat).view(batch, len(angles), height, width)
+    return sample_parts(torch.cat([response.real, response.imag], dim=1), angles)
+
+
+def sample_parts(parts: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+    """`sample` for a response of `correlate_parts`, (B, 2(K+1), H, W)."""
+    basis = sampling_matrix(parts.shape[1] // 2, angles).to(parts)  # (R, 2(K+1))
+    return (basis @ parts.flatten(2)).unflatten(2, parts.shape[2:])
 
 
 def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
