@@ -22,7 +22,7 @@ def sampled_cross_entropy(
     """Mean cross-entropy of ``sample_parts(parts, angles)``, a distribution over pixels and angles.
 
     The logits of a `lite` step are 7 MB, and their cross-entropy reads and writes them ten times. Here, they are made
-    for a few rows of pixels at a time, and once more for the gradient.
+    for a few columns of pixels at a time, and once more for the gradient.
 
     Args:
         parts: the real parts, then the imaginary parts of C_k for k >= 0, (B, 2(K + 1), H, W).
@@ -50,8 +50,8 @@ class _SampledCrossEntropy(torch.autograd.Function):
         right_logits = []
         for member, target, (row, col) in zip(parts, right, pixels, strict=True):
             sums = []
-            for rows in _blocks(member):
-                logits = basis @ rows  # (rows, R, W)
+            for columns in _blocks(member):
+                logits = basis @ columns  # (columns, R, H)
                 highest = logits.max()
                 exponentials = logits.sub_(highest).clamp_(min=LOWEST).exp_()
                 sums.append(highest + exponentials.sum().log())
@@ -69,10 +69,10 @@ class _SampledCrossEntropy(torch.autograd.Function):
         grad: torch.Tensor,
     ) -> tuple[torch.Tensor, None, None, None]:
         parts, basis, right, total = ctx.saved_tensors
-        result = parts.new_empty(parts.movedim(2, 1).shape).movedim(1, 2)  # in memory as `correlate` has it
+        result = parts.new_empty(parts.mT.shape).mT  # in memory, a column's pixels are neighbours, as in `correlate`
         for number, (row, col) in enumerate(ctx.pixels):
-            for rows, target in zip(_blocks(parts[number]), _blocks(result[number]), strict=True):
-                logits = basis @ rows
+            for columns, target in zip(_blocks(parts[number]), _blocks(result[number]), strict=True):
+                logits = basis @ columns
                 probabilities = logits.sub_(total[number]).clamp_(min=LOWEST).exp_().mul_(grad[number])
                 torch.matmul(basis.T, probabilities, out=target)
             result[number, :, row, col] -= grad[number] * right[number]
@@ -80,5 +80,5 @@ class _SampledCrossEntropy(torch.autograd.Function):
 
 
 def _blocks(parts: torch.Tensor) -> Sequence[torch.Tensor]:
-    """A member (2(K+1), H, W) in blocks of about `PIXELS` pixels, each (rows, 2(K+1), W)."""
-    return parts.movedim(1, 0).split(max(1, PIXELS // parts.shape[-1]))
+    """A member (2(K+1), H, W) in blocks of about `PIXELS` pixels, each (columns, 2(K+1), H)."""
+    return parts.movedim(2, 0).split(max(1, PIXELS // parts.shape[1]))
