@@ -267,6 +267,6 @@ def test_without_language_in_attention_the_kernel_still_hears():
 
 def test_baselines_can_be_ablated_where_it_means_something():
     method, config = methods.find("cliport-without-parsing")
-    policy = method(config, types.SimpleNamespace(dim=D, width=D))
+    policy = method(config, types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8)))
     assert policy.name == "cliport-without-parsing"
     assert policy.read("put the red block in the bowl").pick == "put the red block in the bowl"

@@ -18,9 +18,9 @@ from gem_lite.policies.transporter import turned_crops
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
 
-D, WIDTH = 16, 24
-COARSE = {"cliport": WIDTH, "cliport-grounded": D}
-"""Channels of what CLIP says of a picture's places, where a method asks it."""
+D, WIDTH, INNER = 16, 24, (12, 6)
+COARSE = {"cliport": (WIDTH, *INNER), "cliport-grounded": (D, *INNER)}
+"""Channels of what CLIP says of a picture's places, where a method asks it: the last features, then inner ones."""
 SMALL = {
     name: dataclasses.replace(methods.find(name)[1], widths=(4, 4, 8, 8), angles=12) for name in methods.METHODS.names()
 }
@@ -52,30 +52,32 @@ def trained_on(model, demo_set):
 
 def without_clip(name):
     """A policy whose networks have random weights everywhere, also where training starts from 0."""
-    policy = methods.METHODS.find(name)(SMALL[name], types.SimpleNamespace(dim=D, width=WIDTH))
+    policy = methods.METHODS.find(name)(SMALL[name], types.SimpleNamespace(dim=D, width=WIDTH, inner_widths=INNER))
     for parameter in policy.parameters():
         torch.nn.init.normal_(parameter, std=0.2)
     return policy.eval()
 
 
 def random_inputs(name, height, width, batch=1):
-    cells = (height // 8, width // 8)
+    channels = COARSE.get(name, ())
+    features = [torch.rand(batch, c, height * 2**i // 8, width * 2**i // 8) for i, c in enumerate(channels)]
     roles = ("pick", "place")
     return Inputs(
         rgbd=torch.rand(batch, 4, height, width),
         maps={role: torch.rand(batch, 1, height, width) for role in roles} if name == "gem" else {},
-        features={"clip": torch.rand(batch, COARSE[name], *cells)} if name in COARSE else {},
+        features={f"level {i}": feature for i, feature in enumerate(features)},
         words={role: F.normalize(torch.randn(batch, D), dim=1) for role in roles},
     )
 
 
-def changed(inputs, fine=lambda image: image, coarse=lambda feature: feature):
-    """The same inputs after a change of their pictures and maps, and one of their coarse features."""
+def changed(inputs, fine=lambda image: image, coarse=lambda feature, cell: feature):
+    """The same inputs after a change of their pictures and maps, and one of their features, given their cells' side."""
+    height = inputs.rgbd.shape[-2]
     return dataclasses.replace(
         inputs,
         rgbd=fine(inputs.rgbd),
         maps={name: fine(semantic) for name, semantic in inputs.maps.items()},
-        features={name: coarse(feature) for name, feature in inputs.features.items()},
+        features={name: coarse(feature, height // feature.shape[-2]) for name, feature in inputs.features.items()},
     )
 
 
@@ -113,8 +115,14 @@ def test_logits_have_one_shape_and_the_action_is_on_the_table(name, trained_on, 
 def test_all_move_with_the_table_by_16_pixels(name):
     # Away from the borders: the content sits in the middle of a wide empty picture.
     policy, full = without_clip(name), random_inputs(name, 320, 32)
-    still = changed(full, alone(np.s_[..., 150:160, 10:20]), alone(np.s_[..., 18:20, 1:3]))
-    moved = changed(still, lambda image: image.roll(16, dims=2), lambda feature: feature.roll(2, dims=2))
+    still = changed(
+        full,
+        alone(np.s_[..., 150:160, 10:20]),
+        lambda feature, cell: alone(np.s_[..., 144 // cell : 160 // cell, 8 // cell : 24 // cell])(feature),
+    )
+    moved = changed(
+        still, lambda image: image.roll(16, dims=2), lambda feature, cell: feature.roll(16 // cell, dims=2)
+    )
     inside = slice(140, 180)
     with torch.no_grad():
         for plain, shifted in (
@@ -135,8 +143,8 @@ def test_place_queries_turn_with_the_object(name, turns):
     # K_i(T_g crop) = K_{i+g}(crop): half of Eq. 6, exact at quarter turns for any weights.
     place = without_clip(name).place
     place = getattr(place, "network", place)
-    joined = methods.METHODS.find(name).Semantics.outputs(SMALL[name]) if name in COARSE else 0
-    image, words, centre = torch.rand(1, 4 + joined, 33, 33), torch.randn(1, D), [[16, 16]]
+    channels = sum(place.encoder.parts) if name in COARSE else 4
+    image, words, centre = torch.rand(1, channels, 33, 33), torch.randn(1, D), [[16, 16]]
     with torch.no_grad():
         before = place.kernels(image, words, torch.tensor(centre))
         turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
@@ -148,7 +156,7 @@ def test_place_queries_turn_with_the_object(name, turns):
 @pytest.mark.parametrize("name", BASELINES)
 def test_their_pick_does_not_turn_with_the_table(name):
     policy, inputs = without_clip(name), random_inputs(name, 32, 32)
-    turned = changed(inputs, *[lambda image: torch.rot90(image, 1, dims=(-2, -1))] * 2)
+    turned = changed(inputs, *[lambda image, cell=None: torch.rot90(image, 1, dims=(-2, -1))] * 2)
     with torch.no_grad():
         expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL[name].angles // 4, dims=1)
         assert (policy.score_pick(turned) - expected).abs().max() > 0.1 * expected.abs().max()
@@ -184,13 +192,15 @@ def test_grounding_multiplies_clips_features_with_the_words():
     policy, inputs = without_clip("cliport-grounded"), random_inputs("cliport-grounded", 32, 32)
     words = torch.zeros(1, D)
     words[:, :8] = 1.0
-    coarse = inputs.features["clip"]
+    coarse = inputs.features["level 0"]
     unseen, seen = coarse.clone(), coarse.clone()
     unseen[:, 8:] += 1.0
     seen[:, :8] += 1.0
     with torch.no_grad():
         plain, same, other = (
-            policy.score_pick(dataclasses.replace(inputs, features={"clip": feature}, words={"pick": words}))
+            policy.score_pick(
+                dataclasses.replace(inputs, features=inputs.features | {"level 0": feature}, words={"pick": words})
+            )
             for feature in (coarse, unseen, seen)
         )
     assert torch.equal(plain, same)
@@ -214,28 +224,57 @@ def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = list(numbered_steps(demo_set[1]))
     for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
-        score = torch.einsum("dhw,d->hw", prepared.with_image.features["clip"], prepared.with_image.words["pick"])
+        last = prepared.with_image.features["level 0"].float()
+        score = torch.einsum("dhw,d->hw", last, prepared.with_image.words["pick"])
         row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
         assert score.shape == (20, 10)
         assert score[row, col] > score.median() + 0.2, step.instruction
 
 
-def test_dense_features_lie_where_the_picture_does(model):
-    # Half a turn of the picture is half a turn of the map, as nearly as the tower allows: a map that lay
-    # half a cell off would be worse than one that is moved back by a cell.
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_features_lie_where_the_picture_does(level, model):
+    # A small spot changes the features around it; the middle of the change is the spot, to a pixel of the picture.
     rng = np.random.default_rng(0)
-    picture = np.kron(rng.integers(0, 255, (20, 10, 3)), np.ones((8, 8, 1))).astype(np.uint8)
-    plain, turned = model.embed_dense(picture, 20), model.embed_dense(picture[::-1, ::-1], 20).flip(1, 2)
-    assert plain.shape == (model.dim, 20, 10)
-    assert torch.allclose(plain.norm(dim=0), torch.ones(20, 10), atol=1e-5)
-    features = model.dense_features(picture, 20)
-    assert features.shape == (model.width, 20, 10)
-    assert torch.allclose(features.square().mean(dim=0), torch.ones(20, 10), atol=1e-4)
+    offsets = []
+    for _ in range(40):
+        picture = np.kron(rng.integers(0, 255, (20, 10, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+        spotted = picture.copy()
+        spot = rng.integers((40, 30), (110, 50))
+        spotted[spot[0] : spot[0] + 4, spot[1] : spot[1] + 4] = rng.integers(0, 255, 3)
+        plain, other = (
+            model.dense_features(image, 20) if level == 0 else model.inner_features(image, 20)[level - 1]
+            for image in (picture, spotted)
+        )
+        assert plain.shape[1:] == (20 * 2**level, 10 * 2**level)
+        change = (other - plain).square().sum(dim=0).numpy()
+        middle = np.array([(axis * change).sum() for axis in np.indices(change.shape)]) / change.sum()
+        offsets.append((middle + 0.5) * 8 / 2**level - (spot + 2))
+    assert np.abs(np.mean(offsets, axis=0)).max() < 1
 
-    def error(shift):
-        return float((turned.roll(shift, (1, 2)) - plain)[:, 3:-3, 3:-3].norm())
 
-    assert error((0, 0)) < min(error((1, 1)), error((-1, -1)), error((1, 0)), error((0, -1)))
+def test_features_are_equally_strong_everywhere(model):
+    picture = np.random.default_rng(0).integers(0, 255, (160, 80, 3), dtype=np.uint8)
+    features = [model.dense_features(picture, 20), *model.inner_features(picture, 20)]
+    assert [len(feature) for feature in features] == [model.width, *model.inner_widths]
+    for feature in features:
+        assert torch.allclose(feature.square().mean(dim=0), torch.ones(feature.shape[1:]), atol=1e-4)
+    assert torch.allclose(model.embed_dense(picture, 20).norm(dim=0), torch.ones(20, 10), atol=1e-5)
+
+
+def test_inner_features_reach_cliport(model):
+    # The skip connections: without them, or with one that is ignored, a changed inner feature would change nothing.
+    policy, inputs = without_clip("cliport"), random_inputs("cliport", 32, 32)
+    with torch.no_grad():
+        plain = policy.score_pick(inputs)
+        for name, feature in inputs.features.items():
+            other = dataclasses.replace(inputs, features=inputs.features | {name: feature.flip(1)})
+            assert not torch.allclose(policy.score_pick(other), plain, rtol=1e-3)
+
+
+def test_a_prepared_step_of_cliport_is_below_a_megabyte(trained_on):
+    sample = trained_on("cliport")[1][0].with_image
+    tensors = [sample.rgbd, *sample.features.values(), *sample.words.values()]
+    assert sum(tensor.nbytes for tensor in tensors) < 1e6
 
 
 def test_augmentation_moves_coarse_features_along(trained_on):
@@ -288,16 +327,16 @@ def test_mixed_precision_keeps_the_loss(name, trained_on):
 
 
 def test_sizes_are_those_of_table_a1():
-    def count(name, preset, dim, width):
+    def count(name, preset, dim, width, inner):
         method, config = methods.find(name, preset)
-        return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width)))
+        return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width, inner_widths=inner)))
 
-    lite = {name: count(name, "lite", 128, 256) for name in methods.METHODS.names()}
+    lite = {name: count(name, "lite", 128, 256, (128, 64)) for name in methods.METHODS.names()}
     # The paper's CLIPort is by far the largest, too.
     assert 1.5 * lite["gem"] < lite["cliport"] < 1.5e6
     assert max(lite[name] for name in methods.METHODS.names() if name != "cliport") < 1.2 * min(lite.values())
-    assert count("gem", "paper", 512, 768) == pytest.approx(5.7e6, rel=0.02)
-    assert count("transporter-lan", "paper", 512, 768) == pytest.approx(6.6e6, rel=0.2)
+    assert count("gem", "paper", 512, 768, (768, 768)) == pytest.approx(5.7e6, rel=0.02)
+    assert count("transporter-lan", "paper", 512, 768, (768, 768)) == pytest.approx(6.6e6, rel=0.2)
 
 
 @pytest.mark.parametrize("name", BASELINES)

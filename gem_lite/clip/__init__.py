@@ -29,6 +29,8 @@ ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 REMEMBERED = 20_000
 """A CLIP remembers the embeddings of this number of small pictures: some 40 MB."""
+INNER_QUARTERS = (3, 2)
+"""After which quarters of the image tower `Clip.inner_features` are taken."""
 
 
 class Clip:
@@ -38,6 +40,7 @@ class Clip:
         name: the model's name in figures and results.
         dim: the number of entries of an embedding.
         width: the number of features at each position of a picture, before they are pooled and projected.
+        inner_widths: the same for the features of `inner_features`.
         fingerprint: a short hash of the weights, which identifies the model.
         folder: the local folder with the model's files, if there is one.
     """
@@ -64,6 +67,7 @@ class Clip:
         self._shift = -mean / std
         self.dim = int(self._model.config.projection_dim)
         self.width = int(self._model.visual_projection.in_features)
+        self.inner_widths = tuple(self._inner_width(quarter) for quarter in INNER_QUARTERS)
         self._texts: dict[str, torch.Tensor] = {}
         self._pictures: dict[tuple[tuple[int, ...], bytes], torch.Tensor] = {}  # by shape and bytes, the oldest first
 
@@ -165,8 +169,16 @@ class Clip:
             (width, h, w) float32 on the CPU, with mean square 1 at every position. The picture is divided into
             h x w equal parts, and position (i, j) is the centre of part (i, j).
         """
-        features = self._features(image, patch)  # (h, w, width)
-        return (self.width**0.5 * F.normalize(features.float(), dim=-1)).permute(2, 0, 1).cpu().contiguous()
+        return _equally_strong(self._features(image, patch))
+
+    @torch.inference_mode()
+    def inner_features(self, image: np.ndarray, patch: int) -> list[torch.Tensor]:
+        """As `dense_features`, but from inside the image tower: after its third and after its second quarter.
+
+        In a ResNet, these are finer than the last features: (inner_widths[i], h, w), with twice and four times as many
+        positions in each direction.
+        """
+        return [_equally_strong(self._features(image, patch, quarter)) for quarter in INNER_QUARTERS]
 
     @torch.inference_mode()
     def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:
@@ -174,15 +186,25 @@ class Clip:
         features = self._model.visual_projection(self._features(image, patch))  # (h, w, dim)
         return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
 
-    def _features(self, image: np.ndarray, patch: int) -> torch.Tensor:
+    def _features(self, image: np.ndarray, patch: int, quarter: int = 4) -> torch.Tensor:
+        """The features (h, w, channels) after a quarter of the image tower, from 1 to 4."""
         size = [round(length * self._size / patch) for length in image.shape[:2]]
         pixels = self._pixels(torch.from_numpy(np.ascontiguousarray(image))[None], size)
         if isinstance(self._model, ResNetClip):
-            return self._model.feature_map(pixels)[0]
+            return self._model.feature_map(pixels, quarter * self._model.stages // 4)[0]
         tower = self._model.vision_model
-        tokens = tower(pixel_values=pixels, interpolate_pos_encoding=True).last_hidden_state[:, 1:]
+        states = tower(pixel_values=pixels, interpolate_pos_encoding=True, output_hidden_states=True).hidden_states
+        tokens = states[quarter * (len(states) - 1) // 4][:, 1:]
+        if quarter == 4:
+            tokens = tower.post_layernorm(tokens)
         side = self._model.config.vision_config.patch_size
-        return tower.post_layernorm(tokens).unflatten(1, [length // side for length in size])[0]
+        return tokens.unflatten(1, [length // side for length in size])[0]
+
+    def _inner_width(self, quarter: int) -> int:
+        vision = self._model.config.vision_config
+        if isinstance(self._model, ResNetClip):
+            return vision.hidden_sizes[quarter * self._model.stages // 4 - 1]
+        return vision.hidden_size
 
     def _pixels(self, images: torch.Tensor, size: Sequence[int] | None = None) -> torch.Tensor:
         size = size or (self._size, self._size)
@@ -197,6 +219,12 @@ def _fingerprint(model: torch.nn.Module) -> str:
     for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode() + value.cpu().float().numpy().tobytes())
     return digest.hexdigest()[:16]
+
+
+def _equally_strong(features: torch.Tensor) -> torch.Tensor:
+    """Features (h, w, channels) as (channels, h, w) on the CPU, with mean square 1 at every position."""
+    channels = features.shape[-1]
+    return (channels**0.5 * F.normalize(features.float(), dim=-1)).permute(2, 0, 1).cpu().contiguous()
 
 
 def unit(features: object) -> torch.Tensor:

@@ -32,17 +32,27 @@ class ResNetClip(VisionTextDualEncoderModel):
         self.vision_model.embedder.pooler = nn.Identity()
         self.vision_model.pooler = nn.Sequential(self.vision_model.pooler, nn.Flatten())
 
-    def feature_map(self, pixels: torch.Tensor) -> torch.Tensor:
-        """The features before pooling and projection: (N, 3, H, W) to (N, h, w, channels).
+    @property
+    def stages(self) -> int:
+        """The number of the image tower's stages. Each halves the resolution, the first together with the layers before."""
+        return len(self.config.vision_config.depths)
 
-        One position covers 16 pixels. In training, a picture had 40 pixels, which is three positions (48 pixels): 8
-        pixels are missing. So a larger picture is shifted by half of them, and every position is centred on its own
-        16 pixels.
+    def feature_map(self, pixels: torch.Tensor, stage: int) -> torch.Tensor:
+        """The features after a stage of the image tower, before pooling: (N, 3, H, W) to (N, h, w, channels).
+
+        After stage s, one position covers 2^s pixels. In training, a picture had 40 pixels; after the last stage, that
+        is three positions (48 pixels): 8 pixels are missing. So a larger picture is shifted by half of them, and every
+        position is centred on its own pixels.
+
+        Args:
+            stage: from 1 to `stages`.
         """
-        vision: Any = self.config.vision_config
-        shift = -vision.image_size % 2 ** len(vision.depths) // 2
-        moved = F.pad(pixels[..., shift:, shift:], (0, shift, 0, shift), mode="replicate")
-        return self.vision_model(moved).last_hidden_state.permute(0, 2, 3, 1)
+        shift = -self.config.vision_config.image_size % 2**stage // 2
+        x = F.pad(pixels[..., shift:, shift:], (0, shift, 0, shift), mode="replicate")
+        x = self.vision_model.embedder(x)
+        for layers in self.vision_model.encoder.stages[:stage]:
+            x = layers(x)
+        return x.permute(0, 2, 3, 1)
 
     def fold_batch_norms(self) -> None:
         """Merge every batch normalisation into the convolution before it, for faster inference with the same result."""

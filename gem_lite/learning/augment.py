@@ -76,7 +76,7 @@ def apply(motion: ImageMotion, sample: Sample) -> Sample:
 
 
 def _warp_coarse(motion: ImageMotion, feature: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Move features (D, h, w) of lower resolution as ``motion`` moves a picture of ``shape`` (H, W)."""
+    """Move features (D, h, w) of lower resolution as ``motion`` moves a picture of ``shape`` (H, W): float32."""
     scale = [coarse / fine for coarse, fine in zip(feature.shape[-2:], shape, strict=True)]
     scaled_motion = ImageMotion(motion.angle, (motion.shift[0] * scale[0], motion.shift[1] * scale[1]))
-    return scaled_motion.warp(feature[None])[0]
+    return scaled_motion.warp(feature[None].float())[0]

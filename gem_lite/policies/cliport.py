@@ -1,9 +1,9 @@
 """CLIPort (A.1.5): a semantic stream of frozen CLIP features beside a spatial one, fused on the way up.
 
 CLIP's features are computed from the height map as one picture, once for each scene; augmentation moves these features
-together with the picture. Language enters as in CLIPort, by products over the pixels: first with a learned convolution
-of CLIP's features, then at every level of the semantic stream. Pick and place are Transporter's, with two streams in
-the place of each U-Net.
+together with the picture. The semantic stream starts from the last features; at its next two levels, features from
+inside CLIP's image tower join it (CLIPort's skip connections). Language enters as in CLIPort, by products over the
+pixels at these three levels. Pick and place are Transporter's, with two streams in the place of each U-Net.
 
 `GroundedClipPort` is a stronger rival than the paper's: it multiplies words and features in the space where CLIP itself
 compares pictures and words. So it need not learn which feature belongs to which word.
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -24,7 +24,7 @@ from typing_extensions import override
 from gem_lite.config import SHARED_ENDINGS, Ablation
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.networks import ResidualBlock, UNet, decoder_widths
+from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
 from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig
 from gem_lite.rgbd.camera import View
@@ -50,41 +50,65 @@ class ClipPortConfig(KeyQueryConfig):
     recolor: bool = True
 
 
-class TwoStream(nn.Module):
-    """A spatial U-Net over RGB-D and a semantic decoder that takes each of its levels in by a 1 x 1 convolution."""
+class Gate(nn.Module):
+    """How language enters CLIPort: features of a picture times a learned projection of the words, at every pixel."""
 
-    def __init__(self, inputs: int, outputs: int, language_dim: int, config: ClipPortConfig) -> None:
+    def __init__(self, language_dim: int, channels: int) -> None:
+        super().__init__()
+        self.project = nn.Linear(language_dim, channels)
+        # Several products of small numbers would leave almost nothing.
+        nn.init.ones_(self.project.bias)
+
+    def forward(self, x: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
+        """``x`` (B, channels, h, w) and ``words`` (B, D) to (B, channels, h, w)."""
+        # Entries of unit vectors are about 1 / sqrt(D). Without the factor, words have little effect at first.
+        return x * self.project(words.shape[1] ** 0.5 * words)[:, :, None, None]
+
+
+class TwoStream(nn.Module):
+    """A spatial U-Net over RGB-D and a semantic decoder that takes each of its levels in by a 1 x 1 convolution.
+
+    Args:
+        semantics: channels of the semantic features that enter the decoder's first levels. They all have the size of
+            the picture; a level averages them down to its own size, which is about that of CLIP's cells.
+    """
+
+    def __init__(self, semantics: Sequence[int], outputs: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         widths = decoder_widths(config.widths)
+        self.parts = (RGBD, *semantics)
         self.spatial = UNet(RGBD, outputs, None, config.widths)
-        self.semantic = nn.ModuleList(ResidualBlock(i, o) for i, o in zip([inputs, *widths[:-1]], widths, strict=True))
-        self.gates = nn.ModuleList(nn.Linear(language_dim, width) for width in widths)
+        below = [0, *widths[:-1]]
+        joined = [*semantics, *[0] * (len(widths) - len(semantics))]
+        self.semantic = nn.ModuleList(ResidualBlock(b + j, w) for b, j, w in zip(below, joined, widths, strict=True))
+        # The first product with the words is in the features that enter the first level.
+        self.gates = nn.ModuleList(Gate(language_dim, width) for width in widths[1 : len(semantics)])
         self.lateral = nn.ModuleList(nn.Conv2d(2 * width, width, 1) for width in widths)
         self.out = nn.Conv2d(widths[-1], outputs, 1)
-        for gate in self.gates:
-            # Four products of small numbers would leave almost nothing.
-            nn.init.ones_(cast(torch.Tensor, gate.bias))
 
     def forward(self, image: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
-        """``image`` (B, 4 + inputs, H, W) of RGB-D and semantic features, ``words`` (B, D) to (B, outputs, H, W)."""
-        levels = self.spatial.decode(image[:, :RGBD])
-        height, width = levels[0].shape[-2:]
-        x = F.adaptive_avg_pool2d(image[:, RGBD:], (height, width))  # about as coarse as CLIP's cells
-        for spatial, block, gate, lateral in zip(levels, self.semantic, self.gates, self.lateral, strict=True):
-            x = F.interpolate(x, spatial.shape[-2:], mode="bilinear", align_corners=False)
-            x = block(x) * gate(words)[:, :, None, None]
-            x = F.relu(lateral(torch.cat([x, spatial], dim=1)))
-        return self.spatial.out(levels[-1]) + self.out(x)
+        """``image`` (B, 4 + sum(semantics), H, W) of RGB-D and semantics, ``words`` (B, D) to (B, outputs, H, W)."""
+        rgbd, *semantics = image.split(self.parts, dim=1)
+        levels = self.spatial.decode(rgbd)
+        below: list[torch.Tensor] = []  # the first level has none below it
+        for level, (spatial, block, lateral) in enumerate(zip(levels, self.semantic, self.lateral, strict=True)):
+            size = spatial.shape[-2:]
+            enlarged = [F.interpolate(x, size, mode="bilinear", align_corners=False) for x in below]
+            entering = [F.adaptive_avg_pool2d(x, size) for x in semantics[level : level + 1]]
+            x = block(torch.cat([*enlarged, *entering], dim=1))
+            if 0 < level < len(semantics):
+                x = self.gates[level - 1](x, words)
+            below = [F.relu(lateral(torch.cat([x, spatial], dim=1)))]
+        return self.spatial.out(levels[-1]) + self.out(below[0])
 
 
 class Projection(nn.Module):
-    """How language enters CLIPort: a learned convolution of CLIP's features times a learned projection of the words."""
+    """CLIPort's first product: a learned convolution of CLIP's last features, gated by the words."""
 
     def __init__(self, features: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         self.conv = nn.Conv2d(features, self.outputs(config), 3, padding=1)
-        self.gate = nn.Linear(language_dim, self.outputs(config))
-        nn.init.ones_(self.gate.bias)
+        self.gate = Gate(language_dim, self.outputs(config))
 
     @staticmethod
     def outputs(config: ClipPortConfig) -> int:
@@ -93,9 +117,7 @@ class Projection(nn.Module):
 
     def forward(self, coarse: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """``coarse`` (B, C, h, w), ``words`` (B, D) to (B, outputs, h, w)."""
-        # Entries of unit vectors are about 1 / sqrt(D). Without the factor, words have little effect at first.
-        gates = self.gate(words.shape[1] ** 0.5 * words)
-        return F.relu(self.conv(coarse)) * gates[:, :, None, None]
+        return self.gate(F.relu(self.conv(coarse)), words)
 
 
 class Grounding(nn.Module):
@@ -117,28 +139,39 @@ class Grounding(nn.Module):
 
 
 class WithSemantics(nn.Module):
-    """Joins semantic features, made from CLIP's features and the words, to RGB-D, and applies a network to both."""
+    """Joins semantic features, made from CLIP's features and the words, to RGB-D, and applies a network to both.
 
-    def __init__(self, semantics: Projection | Grounding, network: nn.Module) -> None:
+    Args:
+        semantics: from CLIP's last features and the words to semantic features.
+        inner: the widths of CLIP's inner features, and the widths to which they are projected.
+        network: from RGB-D and all features at the picture's size, and the words, to the output.
+    """
+
+    def __init__(
+        self, semantics: Projection | Grounding, inner: Sequence[tuple[int, int]], network: nn.Module
+    ) -> None:  # fmt: skip
         super().__init__()
         self.semantics = semantics
+        self.inner = nn.ModuleList(Pointwise(before, after) for before, after in inner)
         self.network = network
 
     def forward(
-        self, rgbd: torch.Tensor, coarse: torch.Tensor, words: torch.Tensor, *network_inputs: torch.Tensor
+        self, rgbd: torch.Tensor, features: Sequence[torch.Tensor], words: torch.Tensor, *network_inputs: torch.Tensor
     ) -> torch.Tensor:
-        """``rgbd`` (B, 4, H, W), ``coarse`` (B, C, h, w), ``words`` (B, D) and further inputs to the output."""
-        semantics = self.semantics(coarse, words)
-        fine = F.interpolate(semantics, rgbd.shape[-2:], mode="bilinear", align_corners=False)
-        return self.network(torch.cat([rgbd, fine], dim=1), words, *network_inputs)
+        """``rgbd`` (B, 4, H, W), ``features`` (B, C_i, h_i, w_i), ``words`` (B, D) and further inputs to the output."""
+        last, *inner = (feature.float() for feature in features)
+        levels = [self.semantics(last, words)]
+        levels += [F.relu(project(feature)) for project, feature in zip(self.inner, inner, strict=True)]
+        fine = [F.interpolate(x, rgbd.shape[-2:], mode="bilinear", align_corners=False) for x in levels]
+        return self.network(torch.cat([rgbd, *fine], dim=1), words, *network_inputs)
 
 
 @dataclass(frozen=True)
 class DenseView:
-    """CLIPort's scene: the table from above, and CLIP's features (D, h, w) of it."""
+    """CLIPort's scene: the table from above, and CLIP's features (D_i, h_i, w_i) of it, the last ones first."""
 
     heightmap: HeightMap
-    features: torch.Tensor
+    features: tuple[torch.Tensor, ...]
 
 
 class ClipPort(PickPlacePolicy[DenseView]):
@@ -152,13 +185,21 @@ class ClipPort(PickPlacePolicy[DenseView]):
     @override
     def build(self) -> tuple[WithSemantics, WithSemantics]:
         c = self.config
-        words = self.clip.dim
-        inputs = self.Semantics.outputs(c)
-        pick = TwoStream(inputs, c.angles, words, c)
-        key, query = (TwoStream(inputs, c.channels, words, c) for _ in range(2))
-        place = KeyQuery(key, query, c)
-        pick_semantics, place_semantics = (self.Semantics(self.clip.width, words, c) for _ in range(2))
-        return WithSemantics(pick_semantics, pick), WithSemantics(place_semantics, place)
+        key, query = (self._two_stream(c.channels) for _ in range(2))
+        return self._with_semantics(self._two_stream(c.angles)), self._with_semantics(KeyQuery(key, query, c))
+
+    @property
+    def _inner(self) -> list[tuple[int, int]]:
+        """The widths of CLIP's inner features, and those to which they are projected."""
+        return list(zip(self.clip.inner_widths, decoder_widths(self.config.widths)[1:], strict=False))
+
+    def _two_stream(self, outputs: int) -> TwoStream:
+        semantics = [self.Semantics.outputs(self.config), *(after for _, after in self._inner)]
+        return TwoStream(semantics, outputs, self.clip.dim, self.config)
+
+    def _with_semantics(self, network: nn.Module) -> WithSemantics:
+        semantics = self.Semantics(self.clip.width, self.clip.dim, self.config)
+        return WithSemantics(semantics, self._inner, network)
 
     @property
     @override
@@ -169,23 +210,26 @@ class ClipPort(PickPlacePolicy[DenseView]):
     def embed(self, views: Sequence[View]) -> DenseView:
         heightmap = fuse_views(views, self.config.workspace)
         patch = round(self.config.top_patch / self.config.pixel)
-        return DenseView(heightmap, self.picture_features(heightmap.rgb, patch))
+        inner = self.clip.inner_features(heightmap.rgb, patch)
+        return DenseView(heightmap, (self.last_features(heightmap.rgb, patch), *inner))
 
-    def picture_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
+    def last_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
         """CLIP's features (D, h, w) of a picture (H, W, 3) before they are pooled, as in CLIPort."""
         return self.clip.dense_features(picture, patch)
 
     @override
     def inputs(self, scene: DenseView, queries: Queries) -> Inputs:
-        return Inputs(rgbd=to_rgbd(scene.heightmap), features={"clip": scene.features}, words=self.words(queries))
+        # In half precision, the features of a prepared step need less than 1 MB.
+        features = {f"level {level}": feature.half() for level, feature in enumerate(scene.features)}
+        return Inputs(rgbd=to_rgbd(scene.heightmap), features=features, words=self.words(queries))
 
     @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        return self.pick(inputs.rgbd, inputs.features["clip"], inputs.words["pick"]).float()
+        return self.pick(inputs.rgbd, list(inputs.features.values()), inputs.words["pick"]).float()
 
     @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        return self.place(inputs.rgbd, inputs.features["clip"], inputs.words["place"], picks)
+        return self.place(inputs.rgbd, list(inputs.features.values()), inputs.words["place"], picks)
 
 
 class GroundedClipPort(ClipPort):
@@ -195,6 +239,5 @@ class GroundedClipPort(ClipPort):
     Semantics = Grounding
 
     @override
-    @override
-    def picture_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
+    def last_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
         return self.clip.embed_dense(picture, patch)

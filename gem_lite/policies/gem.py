@@ -14,7 +14,7 @@ from typing_extensions import override
 from gem_lite import language
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries, Query
-from gem_lite.maps import semantic_map, sources
+from gem_lite.maps import locations, semantic_map, sources
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.base import Choice, PickPlacePolicy
@@ -208,8 +208,18 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
             hidden: an episode whose crops must not be retrieved; in training, the step's own.
         """
         if self.config.conjuncts and isinstance(query, str):
-            return joined([self._member_maps(scene, member, hidden) for member in language.conjuncts(query)])
-        return self._member_maps(scene, query, hidden)
+            return joined([self._located_maps(scene, member, hidden) for member in language.conjuncts(query)])
+        return self._located_maps(scene, query, hidden)
+
+    def _located_maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None) -> QueryMaps:
+        """The maps of a query; a location word at its beginning chooses among their strongest responses."""
+        maps = self._member_maps(scene, query, hidden)
+        word = locations.location_word(query) if self.config.locations and isinstance(query, str) else None
+        if word is None:
+            return maps
+        workspace = self.config.workspace
+        text = locations.located(maps.text, word, workspace)
+        return QueryMaps(text, maps.image, locations.located(maps.fused, word, workspace))
 
     def _member_maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None) -> QueryMaps:
         text = self.source.map(scene, query)

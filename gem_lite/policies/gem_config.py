@@ -32,6 +32,7 @@ ABLATIONS = {
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
     "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
+    "without-locations": Ablation('"left" does not choose among the places of a map', {"locations": False}),
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
 }
@@ -39,7 +40,7 @@ ABLATIONS = {
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off our additions: narrow patches, recolouring, map scaling, conjuncts, empty spots."""
+off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class GemConfig(PatchConfig):
         drop_image_map: how often training hides the image-conditioned map.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
+        locations: whether a location word chooses among the strongest responses of a map (`gem_lite.maps.locations`).
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
@@ -87,6 +89,7 @@ class GemConfig(PatchConfig):
     drop_image_map: float = 0.3
     own_crop: bool = False
     conjuncts: bool = True
+    locations: bool = True
     map_gain: tuple[float, float] = (0.5, 1.2)
     map_offset: float = 0.1
     recolor: bool = True

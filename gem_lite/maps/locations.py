@@ -1,0 +1,80 @@
+"""Location words, which are ours: "left star hole" is the leftmost of the places that look like a star hole.
+
+A patch does not show where on the table it lies, so CLIP gives all star holes the same score; and training turns the
+pictures, so a network cannot learn what "left" is. Here the word acts on the semantic map of the unturned table: it
+chooses one of the map's strongest responses and lowers the others. Training then turns the map with the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import ndimage
+
+from gem_lite.se2 import Workspace
+
+WITHIN = 0.15
+"""A response is a local maximum of a map that is at most this far below the highest value."""
+SPACING = 0.03
+"""Two responses are at least this far (m) apart."""
+LOWERED = 0.3
+"""Afterwards, the other responses are at least this far below the chosen one."""
+
+_Keys = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_SMALLEST: dict[str, _Keys] = {
+    "left": lambda x, y: x,
+    "right": lambda x, y: -x,
+    "top": lambda x, y: -y,
+    "bottom": lambda x, y: y,
+    "middle": lambda x, y: np.hypot(x - x.mean(), y - y.mean()),
+}
+"""For each word, what is smallest at the response that the word means; x and y in the world."""
+
+
+def location_word(phrase: str) -> str | None:
+    """The location word at the beginning of a phrase, if there is one: "left" in "the left star hole".
+
+    "middle of the stand" has none: it names a thing.
+    """
+    words = phrase.lower().removeprefix("the ").split()
+    if len(words) < 2 or words[0] not in _SMALLEST or words[1] == "of":
+        return None
+    return words[0]
+
+
+def responses(semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """The cells (N, 2) of a map's strongest responses: (row, col), in the order of the rows.
+
+    Args:
+        semantic: (H, W).
+    """
+    reach = round(SPACING / workspace.pixel)
+    highest_around = ndimage.maximum_filter(semantic, size=2 * reach + 1, mode="nearest")
+    strong = (semantic == highest_around) & (semantic >= semantic.max() - WITHIN)
+    return np.argwhere(strong)
+
+
+def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray:
+    """A map with all responses lowered but the one that a location word means.
+
+    Args:
+        semantic: (H, W) float32.
+        word: "left" (smaller x), "right", "top" (larger y), "bottom" or "middle" (nearest to all responses' mean).
+
+    Returns:
+        (H, W) float32. Only cells that are nearer to another response change: to at most the chosen one minus `LOWERED`.
+
+    Raises:
+        ValueError: an unknown word.
+    """
+    if word not in _SMALLEST:
+        raise ValueError(f"word must be one of {', '.join(_SMALLEST)}, got {word!r}")
+    cells = responses(semantic, workspace)
+    x, y = workspace.to_world(cells[:, 0], cells[:, 1])
+    chosen = int(np.argmin(_SMALLEST[word](x, y)))
+    rows, cols = np.indices(semantic.shape)
+    distances = np.hypot(rows[..., None] - cells[:, 0], cols[..., None] - cells[:, 1])  # (H, W, N)
+    of_another = distances.argmin(axis=-1) != chosen
+    ceiling = np.float32(semantic[tuple(cells[chosen])] - LOWERED)
+    return np.where(of_another, np.minimum(semantic, ceiling), semantic)
