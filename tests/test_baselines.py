@@ -120,9 +120,7 @@ def test_all_move_with_the_table_by_16_pixels(name):
         alone(np.s_[..., 150:160, 10:20]),
         lambda feature, cell: alone(np.s_[..., 144 // cell : 160 // cell, 8 // cell : 24 // cell])(feature),
     )
-    moved = changed(
-        still, lambda image: image.roll(16, dims=2), lambda feature, cell: feature.roll(16 // cell, dims=2)
-    )
+    moved = changed(still, lambda image: image.roll(16, dims=2), lambda feature, cell: feature.roll(16 // cell, dims=2))
     inside = slice(140, 180)
     with torch.no_grad():
         for plain, shifted in (

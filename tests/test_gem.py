@@ -220,7 +220,9 @@ def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
 def test_recolouring_is_for_methods_that_see_colours_through_clip():
     def recolors(name, **values):
         method, config = methods.find(name)
-        return method(dataclasses.replace(config, **values), types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))).recolors
+        return method(
+            dataclasses.replace(config, **values), types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
+        ).recolors
 
     assert [recolors(name) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem-without-semantic-map")

@@ -34,7 +34,7 @@ class ResNetClip(VisionTextDualEncoderModel):
 
     @property
     def stages(self) -> int:
-        """The number of the image tower's stages. Each halves the resolution, the first together with the layers before."""
+        """The number of the image tower's stages. After stage s, the resolution is 2^s times lower."""
         return len(self.config.vision_config.depths)
 
     def feature_map(self, pixels: torch.Tensor, stage: int) -> torch.Tensor:

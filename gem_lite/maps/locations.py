@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from gem_lite.se2 import Workspace
 
-WITHIN = 0.15
+WITHIN = 0.1
 """A response is a local maximum of a map that is at most this far below the highest value."""
 SPACING = 0.03
 """Two responses are at least this far (m) apart."""
@@ -63,7 +63,7 @@ def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray
         word: "left" (smaller x), "right", "top" (larger y), "bottom" or "middle" (nearest to all responses' mean).
 
     Returns:
-        (H, W) float32. Only cells that are nearer to another response change: to at most the chosen one minus `LOWERED`.
+        (H, W) float32. Cells nearer to another response are cut off at the chosen one minus `LOWERED`.
 
     Raises:
         ValueError: an unknown word.

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from gem_lite.maps import locations
+from gem_lite.se2 import Workspace
+
+WORKSPACE = Workspace()
+
+
+def table(*places):
+    """A map that is 0 but for squares around (row, col, value), whose middles are their highest cells."""
+    semantic = np.zeros(WORKSPACE.shape, np.float32)
+    for row, col, value in places:
+        semantic[row - 3 : row + 4, col - 3 : col + 4] = value - 0.05
+        semantic[row, col] = value
+    return semantic
+
+
+@pytest.mark.parametrize(
+    ("phrase", "word"),
+    [
+        ("left star hole", "left"), ("the top letter T shape hole", "top"), ("Middle ring hole", "middle"),
+        ("star hole", None), ("middle of the stand", None), ("left", None), ("block on the left", None),
+    ],
+)  # fmt: skip
+def test_a_word_counts_at_the_beginning_of_a_phrase(phrase, word):
+    assert locations.location_word(phrase) == word
+
+
+def test_responses_are_the_strongest_maxima():
+    semantic = table((50, 20, 1.0), (50, 50, 0.95), (90, 40, 0.85))
+    assert locations.responses(semantic, WORKSPACE).tolist() == [[50, 20], [50, 50]]
+
+
+def test_two_maxima_of_one_place_are_one_response():
+    semantic = table((50, 20, 1.0))
+    semantic[52, 22] = 0.99
+    assert locations.responses(semantic, WORKSPACE).tolist() == [[50, 20]]
+
+
+@pytest.mark.parametrize(
+    ("word", "place"),
+    [("left", (70, 15)), ("right", (80, 60)), ("top", (30, 40)), ("bottom", (120, 40)), ("middle", (72, 40))],
+)
+def test_a_word_chooses_one_response_and_lowers_the_others(word, place):
+    places = [(70, 15), (80, 60), (30, 40), (120, 40), (72, 40)]
+    semantic = table(*[(row, col, 1.0 - 0.01 * i) for i, (row, col) in enumerate(places)])
+    located = locations.located(semantic, word, WORKSPACE)
+    assert located.dtype == np.float32
+    assert np.unravel_index(located.argmax(), located.shape) == place
+    own = np.s_[place[0] - 3 : place[0] + 4, place[1] - 3 : place[1] + 4]
+    assert np.array_equal(located[own], semantic[own])
+    for row, col in set(places) - {place}:
+        assert located[row, col] == pytest.approx(semantic[place] - locations.LOWERED)
+    assert (located <= semantic).all()
+
+
+def test_the_directions_are_those_of_the_world():
+    # Left is smaller x, top is larger y: as the task's words (tasks/assembling_kits.py).
+    left, top = table((60, 15, 1.0), (60, 60, 1.0)), table((20, 40, 1.0), (120, 40, 1.0))
+    row, col = np.unravel_index(locations.located(left, "left", WORKSPACE).argmax(), WORKSPACE.shape)
+    assert WORKSPACE.to_world(row, col)[0] < WORKSPACE.to_world(60, 60)[0]
+    row, col = np.unravel_index(locations.located(top, "top", WORKSPACE).argmax(), WORKSPACE.shape)
+    assert WORKSPACE.to_world(row, col)[1] > WORKSPACE.to_world(120, 40)[1]
+
+
+def test_one_response_stays_as_it_is():
+    semantic = table((50, 20, 1.0))
+    assert np.array_equal(locations.located(semantic, "right", WORKSPACE), semantic)
+
+
+def test_an_unknown_word_is_named():
+    with pytest.raises(ValueError, match="word must be one of left, right, top, bottom, middle, got 'north'"):
+        locations.located(table((50, 20, 1.0)), "north", WORKSPACE)
