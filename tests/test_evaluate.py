@@ -205,6 +205,19 @@ def test_a_subset_of_episodes_has_a_row_of_its_own():
     assert rows == {"all": {"0": 1.0, "1": 0.0, "2": 0.5}, "hard": {"0": 1.0, "2": 0.5}, "odd": {"2": 0.5}}
 
 
+def test_skipped_episodes_are_replaced_by_later_ones():
+    assert workers.chunks(3, 6, skip=(4, 5, 100)) == [[3, 6, 7, 8, 9], [10]]
+    measured = evaluate.evaluate("expert", TASK, 3, skip=(1,), processes=1)
+    assert [episode.index for episode in measured] == [0, 2, 3]
+
+
+def test_a_row_names_the_episodes_that_it_skipped(tmp_path):
+    rows = evaluate.measure_and_file("expert", TASK, tmp_path / "rows.jsonl", 2, skip=(1, 9), processes=1)
+    assert rows[0]["skipped"] == [1]
+    assert list(rows[0]["rewards"]) == ["0", "2"]
+    assert results.read_rows(tmp_path / "rows.jsonl")[0]["skipped"] == [1]
+
+
 def test_episodes_come_in_chunks():
     assert [list(part) for part in workers.chunks(3, 7)] == [[3, 4, 5, 6, 7], [8, 9]]
     with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):

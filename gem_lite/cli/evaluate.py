@@ -37,6 +37,8 @@ class Evaluate(MeasuringCommand):
     """index of the first episode in the split"""
     split: Split = "test"
     """split of the episodes"""
+    skip: tuple[int, ...] = ()
+    """indices of episodes to leave out, such as those that the expert does not solve: later ones take their place"""
     world: str = "home"
     """looks of the world, see below"""
     clip: str | None = None
@@ -51,7 +53,7 @@ class Evaluate(MeasuringCommand):
         path = results.output(self.file, self.out, tasks.family(self.task))
         rows = evaluate.measure_and_file(
             self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
-            self.processes, self.world, self.preset,
+            self.processes, self.world, self.preset, self.skip,
         )  # fmt: skip
         for row in rows:
             print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))

@@ -33,6 +33,10 @@ VARIANTS = (
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
+SOLVED = 0.99
+"""The expert solves an episode if its reward is above."""
+ENTRIES = ("families", "ours", "multi", "tiers", "search", "settings", "skipped")
+"""The entries of a plan."""
 DIGITS = 12
 """Hexadecimal digits of a hash in a file's name."""
 
@@ -86,6 +90,7 @@ class Cell:
         task: the task of the episodes.
         training: None for a scripted method.
         split, episodes: the first episodes of this split.
+        skipped: the indices of test episodes that are left out, since the expert does not solve them.
         preset: of the configuration of a scripted method.
     """
 
@@ -95,6 +100,7 @@ class Cell:
     split: tasks.Split = "test"
     episodes: int = 50
     preset: str = "lite"
+    skipped: tuple[int, ...] = ()
 
     @property
     def name(self) -> str:
@@ -135,6 +141,7 @@ class Plan:
         families: for each task of demonstrations, the tasks on which its policy is measured.
         ours: the tasks that are not the paper's.
         several: the tasks of the demonstrations of a method with the ending "multi".
+        skipped: by task, the indices of the test episodes that the expert does not solve.
 
     Args:
         content: of workflow/benchmark.yaml.
@@ -145,7 +152,7 @@ class Plan:
     """
 
     def __init__(self, content: Mapping[str, Any], clip_name: str | None = None) -> None:
-        missing = [name for name in ("families", "ours", "multi", "tiers", "search", "settings") if name not in content]
+        missing = [name for name in ENTRIES if name not in content]
         if missing:
             raise ValueError(f"the plan lacks {', '.join(missing)}")
         self.families: dict[str, tuple[str, ...]] = {
@@ -153,7 +160,10 @@ class Plan:
         }
         self.ours = tuple(content["ours"])
         self.several = tuple(content["multi"])
-        for name in (*itertools.chain(*self.families.values()), *self.families, *self.several):
+        self.skipped: dict[str, tuple[int, ...]] = {
+            name: tuple(indices) for name, indices in content["skipped"].items()
+        }
+        for name in (*itertools.chain(*self.families.values()), *self.families, *self.several, *self.skipped):
             tasks.family(name)
         self._content = content
         self._clip = clip.load(clip_name).fingerprint
@@ -191,10 +201,13 @@ class Plan:
         for method in group["methods"]:
             if method in evaluate.SCRIPTED:
                 for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
-                    yield Cell(method, task, episodes=episodes, preset=preset)
+                    # The expert itself decides which episodes are skipped.
+                    skipped = () if method == "expert" else self.skipped.get(task, ())
+                    yield Cell(method, task, episodes=episodes, preset=preset, skipped=skipped)
                 continue
             for demos, seed, task in itertools.product(group["demos"], group.get("seeds", [0]), wanted):
-                yield Cell(method, task, self._training(method, task, demos, seed), episodes=episodes)
+                training = self._training(method, task, demos, seed)
+                yield Cell(method, task, training, episodes=episodes, skipped=self.skipped.get(task, ()))
 
     def _training(self, method: str, task: str, demos: int, seed: int) -> Training:
         name, endings = methods.split(method)
@@ -207,6 +220,18 @@ class Plan:
         if not trained:
             raise ValueError(f"no family of the plan has the task {task!r}")
         return Training(method, (trained[0],), demos, seed, clip_fingerprint=self._clip, **settings)
+
+
+def unsolved(cell: Cell) -> tuple[int, ...]:
+    """The indices of the episodes of the expert's cell that it does not solve. The plan's ``skipped`` holds them.
+
+    Raises:
+        LookupError: the cell is not measured yet.
+    """
+    row = cell.row()
+    if row is None:
+        raise LookupError(f"the expert's row on {cell.task} is not measured yet: {cell.file}")
+    return tuple(sorted(int(index) for index, reward in row["rewards"].items() if reward <= SOLVED))
 
 
 def chosen(trials: Sequence[Cell], method: str) -> dict[str, Any]:

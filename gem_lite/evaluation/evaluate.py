@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -168,7 +168,7 @@ class Job:
     style: WorldStyle
     task_name: str
     split: tasks.Split
-    indices: range
+    indices: Sequence[int]
 
 
 def run_job(job: Job) -> list[Episode]:
@@ -181,17 +181,21 @@ def run_job(job: Job) -> list[Episode]:
 def evaluate(
     method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
     settings: Config = LITE, checkpoint: Path | None = None, clip_name: str | None = None,
-    processes: int | None = None, world: str = "home",
+    processes: int | None = None, world: str = "home", skip: Collection[int] = (),
 ) -> list[Episode]:  # fmt: skip
-    """Run episodes ``start`` .. ``start + episodes - 1`` of a split in a world, one process a core.
+    """Run the first episodes of a split from ``start`` on in a world, one process a core.
 
     Method, task and world may come from outside the library, see `workers.run_jobs`.
+
+    Args:
+        episodes: the number of episodes.
+        skip: the indices of episodes to leave out, such as those that the expert does not solve.
 
     Raises:
         ValueError: an unknown method, task, split or world, a checkpoint that is not the method's, or no episode.
         FileNotFoundError: no such checkpoint.
     """
-    parts = workers.chunks(start, episodes)
+    parts = workers.chunks(start, episodes, skip)
     style = worlds.style(world)
     settings = settings_of(task_name, split, settings)
     make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors are raised here, not in a worker.
@@ -216,12 +220,13 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
 def measure_and_file(
     method: str, task_name: str, path: Path, episodes: int = 100, split: tasks.Split = "test", start: int = 0,
     checkpoint: Path | None = None, clip_name: str | None = None, processes: int | None = None, world: str = "home",
-    preset: str = "lite",
+    preset: str = "lite", skip: Collection[int] = (),
 ) -> list[dict]:  # fmt: skip
     """`evaluate` a method and file its rows in ``path``: one of all episodes, and one of each of the task's subsets.
 
     Args:
         preset: of the configuration, for a method without a checkpoint that depends on pixels and angles.
+        skip: see `evaluate`; the rows name those that lie before the last episode.
 
     Raises:
         ValueError: see `evaluate`; there is no such preset; a checkpoint has a preset of its own; or ``path`` holds a
@@ -237,8 +242,9 @@ def measure_and_file(
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
     measured = evaluate(
         method, task_name, episodes, split, start, settings=settings, checkpoint=checkpoint, clip_name=clip_name,
-        processes=processes, world=world,
+        processes=processes, world=world, skip=skip,
     )  # fmt: skip
+    facts["skipped"] = sorted(index for index in skip if start <= index < measured[-1].index)
     rows = rows_of(method, task_name, measured, facts)
     results.file_rows(rows, path)
     return rows

@@ -101,7 +101,7 @@ class Job:
     style: WorldStyle
     task_name: str
     split: tasks.Split
-    indices: range
+    indices: Sequence[int]
     conditions: tuple[Condition, ...]
     tables: int
 

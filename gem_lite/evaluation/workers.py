@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -19,11 +20,18 @@ Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
 
 
-def chunks(start: int, episodes: int) -> list[range]:
-    """The indices ``start`` .. ``start + episodes - 1`` in groups of `CHUNK`. Raises ValueError below 1 episode."""
+def chunks(start: int, episodes: int, skip: Collection[int] = ()) -> list[list[int]]:
+    """The first indices from ``start`` on that are not in ``skip``, in groups of `CHUNK`.
+
+    Args:
+        episodes: the number of indices.
+
+    Raises:
+        ValueError: ``episodes`` is below 1.
+    """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    indices = range(start, start + episodes)
+    indices = list(itertools.islice((index for index in itertools.count(start) if index not in skip), episodes))
     return [indices[i : i + CHUNK] for i in range(0, episodes, CHUNK)]
 
 
