@@ -73,7 +73,8 @@ def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray
     cells = responses(semantic, workspace)
     x, y = workspace.to_world(cells[:, 0], cells[:, 1])
     chosen = int(np.argmin(_SMALLEST[word](x, y)))
-    rows, cols = np.indices(semantic.shape)
+    height, width = semantic.shape
+    rows, cols = np.mgrid[:height, :width]
     distances = np.hypot(rows[..., None] - cells[:, 0], cols[..., None] - cells[:, 1])  # (H, W, N)
     of_another = distances.argmin(axis=-1) != chosen
     ceiling = np.float32(semantic[tuple(cells[chosen])] - LOWERED)

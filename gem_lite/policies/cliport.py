@@ -92,7 +92,7 @@ class TwoStream(nn.Module):
         levels = self.spatial.decode(rgbd)
         below: list[torch.Tensor] = []  # the first level has none below it
         for level, (spatial, block, lateral) in enumerate(zip(levels, self.semantic, self.lateral, strict=True)):
-            size = spatial.shape[-2:]
+            size = (spatial.shape[-2], spatial.shape[-1])
             enlarged = [F.interpolate(x, size, mode="bilinear", align_corners=False) for x in below]
             entering = [F.adaptive_avg_pool2d(x, size) for x in semantics[level : level + 1]]
             x = block(torch.cat([*enlarged, *entering], dim=1))
