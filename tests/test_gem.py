@@ -8,11 +8,11 @@ import torch
 
 from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
-from gem_lite.policies.gem import PickModule, PlaceModule, near_peak
+from gem_lite.policies.gem import PickModule, PlaceModule, Policy, near_peak
 from gem_lite.policies.gem_config import LITE, PAPER, GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
-from gem_lite.policies.samples import Sample, crop_at, cross_entropy, right_bins
-from gem_lite.se2 import ImageMotion
+from gem_lite.policies.samples import Inputs, Sample, crop_at, cross_entropy, right_bins
+from gem_lite.se2 import ImageMotion, Pose2
 
 D = 16
 SMALL = dataclasses.replace(
@@ -256,6 +256,19 @@ def test_motions_without_turns_only_shift():
     motions = [random_motion(np.random.default_rng(i), (160, 80), [(80.0, 40.0)], turn=False) for i in range(20)]
     assert {motion.angle for motion in motions} == {0.0}
     assert len({motion.shift for motion in motions}) == 20
+
+
+def test_a_push_may_start_away_from_the_peak_of_its_map():
+    policy = Policy(SMALL, types.SimpleNamespace(dim=D))
+    workspace = SMALL.workspace
+    semantic = torch.zeros(1, *workspace.shape)
+    semantic[0, 40, 40] = 1.0
+    inputs = Inputs(rgbd=torch.zeros(4, *workspace.shape), maps={"pick": semantic, "place": semantic})
+    pick, push = (policy.candidates(inputs, (), push) for push in (False, True))
+    assert pick[40, 40] and pick.sum() < 30
+    assert push.all()
+    tried = Pose2(*workspace.to_world(80, 20))
+    assert not policy.candidates(inputs, (tried,), push=True)[80, 20]
 
 
 def test_the_pick_stays_near_the_peak_of_its_map():

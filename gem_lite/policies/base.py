@@ -218,8 +218,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """The cross-entropy of `score_place` to labels. A method may compute it in a faster way."""
         return cross_entropy(self.score_place(inputs, picks), cells)
 
-    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
-        """(H, W) bool: where a pick is allowed; ``empty_picks`` as in `act`."""
+    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2], push: bool = False) -> torch.Tensor:
+        """(H, W) bool: where a pick is allowed, or the start of a ``push``; ``empty_picks`` as in `act`."""
         return ~near_any(empty_picks, self.config)
 
     def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
@@ -248,7 +248,7 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
     ) -> Choice:  # fmt: skip
         """The best pick, then the best place for it."""
         self.eval()
-        candidates = self.candidates(inputs, empty_picks)
+        candidates = self.candidates(inputs, empty_picks, queries.push)
         inputs = collate([inputs], self.device)
         pick_logits = self.score_pick(inputs)[0].cpu()
         pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))

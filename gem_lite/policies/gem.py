@@ -262,8 +262,11 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return self.pick(inputs.rgbd, inputs.maps["pick"], inputs.words["pick"])
 
     @override
-    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2]) -> torch.Tensor:
-        return near_peak(inputs.maps["pick"][0], super().candidates(inputs, empty_picks), self.config)
+    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2], push: bool = False) -> torch.Tensor:
+        allowed = super().candidates(inputs, empty_picks, push)
+        if push:
+            return allowed  # A push starts beside a thing, where its map is low.
+        return near_peak(inputs.maps["pick"][0], allowed, self.config)
 
     @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
