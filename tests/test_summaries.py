@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from gem_lite.evaluation import benchmark, results, summaries
+
+
+def row(method, task, rewards, demos=10, seed=0, **changes):
+    facts = {name: None for name in results.IDENTITY}
+    facts |= {
+        "method": method,
+        "task": task,
+        "subset": "all",
+        "split": "test",
+        "start": 0,
+        "demos": demos,
+        "seed": seed,
+    }
+    return facts | {"train_cpu_seconds": 1.0} | results.reward_entries(dict(enumerate(rewards))) | changes
+
+
+ROWS = [
+    row("gem", "a-seen", [1.0] * 10), row("gem", "a-unseen", [1.0] * 5 + [0.0] * 5), row("gem", "b", [0.5] * 10),
+    row("gem", "b", [0.0] * 10, seed=1), row("gem", "a-seen", [0.0] * 10, demos=100),
+    row("gem", "a-seen", [0.0] * 10, split="val"), row("gem", "a-seen", [0.0] * 10, subset="new"),
+    row("expert", "b", [1.0] * 10, demos=None, seed=None),
+]  # fmt: skip
+
+
+def test_scores_are_of_one_method_number_and_seed():
+    found = summaries.scores(ROWS, "gem", 10)
+    assert {task: score.mean for task, score in found.items()} == {"a-seen": 100, "a-unseen": 50, "b": 50}
+    assert {task: score.mean for task, score in summaries.scores(ROWS, "gem", 100).items()} == {"a-seen": 0}
+    assert summaries.scores(ROWS, "expert")["b"].mean == 100
+    both = summaries.scores(ROWS, "gem", 10, seeds=(0, 1))
+    assert list(both) == ["b"] and both["b"].mean == 25
+    with pytest.raises(LookupError, match="same training seed"):
+        summaries.scores([*ROWS, ROWS[0]], "gem", 10)
+
+
+def test_the_mean_counts_every_task_once_and_its_interval_covers():
+    found = summaries.scores(ROWS, "gem", 10)
+    mean, (low, high) = summaries.mean_over_tasks(found)
+    assert mean == pytest.approx(200 / 3, abs=0.1)
+    widest = max(score.interval[1] - score.interval[0] for score in found.values())
+    assert 0 < low < mean < high < 100 and high - low < widest
+    # 300 simulated benchmarks of three tasks: the true mean lies in about 95 % of the intervals, or in more.
+    rng = np.random.default_rng(0)
+    truth = np.array([0.95, 0.6, 0.2])
+    covered = 0
+    for _ in range(300):
+        drawn = rng.random((3, 20)) < truth[:, None]
+        rows = [row("gem", str(i), rewards.astype(float)) for i, rewards in enumerate(drawn)]
+        _, (low, high) = summaries.mean_over_tasks(summaries.scores(rows, "gem", 10))
+        covered += low <= 100 * truth.mean() <= high
+    assert covered >= 0.93 * 300
+    with pytest.raises(ValueError, match="at least one task"):
+        summaries.mean_over_tasks({})
+
+
+def test_seen_and_unseen_are_paired():
+    pairs = summaries.seen_and_unseen(benchmark.VARIANTS)
+    assert len(pairs) == 8  # align-rope and packing-shapes-unseen have no partner
+    assert ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors") in pairs
+    assert ("packing-google-objects-seq-seen", "packing-google-objects-seq-unseen") in pairs
+
+
+def test_a_rival_is_better_if_its_paired_difference_is_wholly_above():
+    own = summaries.scores([row("gem", "a", [0.0] * 20 + [1.0] * 10)], "gem", 10)["a"]
+    rivals = {
+        "better": summaries.scores([row("x", "a", [1.0] * 30)], "x", 10)["a"],
+        "same": own,
+        "a little": summaries.scores([row("y", "a", [0.0] * 19 + [1.0] * 11)], "y", 10)["a"],
+    }
+    assert summaries.better_rivals(own, rivals) == ["better"]
