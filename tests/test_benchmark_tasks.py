@@ -294,3 +294,13 @@ def test_the_gallery_shows_a_task_before_and_after(world):
     assert 0.0001 < changed.mean() < 0.2  # the blocks moved, the rest of the picture did not
     fig = plot_gallery.show_gallery([story, story], columns=2)
     assert len(fig.axes) == 4
+
+
+def test_an_episodes_rewards_add_up_to_its_last_score(blind):
+    # In this episode, a cube lies in the square from the beginning.
+    task = lay_out(blind, PILES, 1, "test")
+    assert 0 < task.score(blind) < 0.1
+    total = 0.0
+    while (expert := task.expert(blind)) is not None:
+        total += blind.step(expert.action).reward
+    assert total == pytest.approx(task.score(blind)) == pytest.approx(1.0)

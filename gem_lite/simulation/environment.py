@@ -111,7 +111,8 @@ class Environment(ABC):
         self.steps_taken = 0
         task.reset(self, np.random.default_rng(seed), seed)
         self.settle()
-        self._score = task.score(self)
+        # As in CLIPort, the first action is rewarded for what lies right from the beginning, too: a cube of a pile.
+        self._score = 0.0
 
     @abstractmethod
     def observe(self) -> tuple[Observation, ...]:
@@ -195,7 +196,8 @@ class Environment(ABC):
         """End an action: park the tool, let the bodies settle, score, and let the task go on to its next sentence.
 
         Returns:
-            The change of the task's score since the last action, in [-1, 1], and whether the episode is over.
+            The change of the task's score since the last action, in [-1, 1], and whether the episode is over. The
+            first change is counted from 0.
         """
         self.settle()  # Then the bodies sleep while the tool leaves, which saves much time.
         self.effector.park()
