@@ -14,7 +14,8 @@ from gem_lite.cli import main
 from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
 from gem_lite.figures import plot_benchmark
-from gem_lite.policies.gem_config import LITE
+from gem_lite.policies import methods
+from gem_lite.policies.gem_config import ABLATIONS, LITE
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKFLOW = ROOT / "workflow"
@@ -54,7 +55,7 @@ def test_the_first_tier_compares_three_methods_on_every_task(plan):
     assert len(cells) == len(set(cells)) == len({cell.file for cell in cells})
     for method in ("gem", "cliport", "transporter-lan"):
         measured = {cell.task for cell in cells if cell.method == method and cell.training.demos == 10}
-        assert measured == {*plan.variants, *plan.ours}
+        assert measured == {*plan.variants, "block-insertion"}
     assert all(cell.episodes == 50 and cell.split == "test" for cell in cells)
 
 
@@ -140,6 +141,14 @@ def test_an_episode_below_the_whole_reward_is_not_solved(tmp_path, monkeypatch):
     assert benchmark.unsolved(cell) == (2, 11)
 
 
+def test_every_ablation_is_measured_somewhere(plan):
+    cells = [cell for name in ("must", "lessons") for cell in plan.tier(name) if cell.training]
+    measured = {ending for cell in cells for ending in methods.split(cell.method)[1]}
+    assert set(ABLATIONS) <= measured, "none of the library's variants is left out"
+    short = {cell.training.config.steps for cell in plan.tier("lessons") if cell.training and cell.training.demos == 1}
+    assert short == {300, LITE.steps}
+
+
 def test_a_wrong_plan_is_refused():
     with pytest.raises(ValueError, match="the plan lacks families"):
         Plan({name: value for name, value in CONTENT.items() if name != "families"})
@@ -162,7 +171,7 @@ def test_the_tables_hold_every_row_of_test_episodes(plan, tmp_path, monkeypatch)
     assert text.count("\n") == 2 + 18
     assert "| 0.0 [-5.0, 5.0] |" in text
     assert main(["results", "tables", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / "table-1.md").read_text().count("\n") == 2 + 19
+    assert (tmp_path / "out" / "table-1.md").read_text().count("\n") == 2 + 21
     assert (tmp_path / "out" / "table-1.png").stat().st_size > 10_000
 
 

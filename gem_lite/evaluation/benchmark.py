@@ -206,12 +206,15 @@ class Plan:
                     yield Cell(method, task, episodes=episodes, preset=preset, skipped=skipped)
                 continue
             for demos, seed, task in itertools.product(group["demos"], group.get("seeds", [0]), wanted):
-                training = self._training(method, task, demos, seed)
+                training = self._training(method, task, demos, seed, group.get("steps"))
                 yield Cell(method, task, training, episodes=episodes, skipped=self.skipped.get(task, ()))
 
-    def _training(self, method: str, task: str, demos: int, seed: int) -> Training:
+    def _training(self, method: str, task: str, demos: int, seed: int, steps: int | None) -> Training:
+        """The training of a cell. ``steps`` takes the place of the number that the search chose."""
         name, endings = methods.split(method)
         settings = dict(self._content["settings"].get(name, {}))
+        if steps is not None:
+            settings["steps"] = steps
         if MULTI_TASK in endings:
             steps = settings.get("steps", methods.find(method)[1].steps)
             settings["steps"] = steps * len(self.several)  # as many for each task as in the training on one task
