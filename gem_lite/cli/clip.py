@@ -31,11 +31,11 @@ class _TrainingInEpochs(Command):
 class Pretrain(_TrainingInEpochs):
     """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 3200 --epochs 3 --out runs/clip",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 3200 --epochs 7 --out runs/clip",)
 
     scenes: int = 3200
     """training scenes to render"""
-    epochs: int = 3
+    epochs: int = 7
     """passes over the crops"""
     seed: int = 0
     """seed of scenes, captions and weights"""
