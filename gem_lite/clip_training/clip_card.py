@@ -40,7 +40,7 @@ UNREAD_COLORS: dict[str, tuple[str, ...]] = {
     "pink": ("salmon", "blush"),
     "cyan": ("aqua",),
     "brown": ("tan",),
-    "white": ("cream",),
+    "white": ("ivory",),
     "gray": ("charcoal", "slate"),
     "black": ("onyx", "inky"),
 }
@@ -50,7 +50,7 @@ UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
     "bowl": ("basin", "tureen"),
     "mug": ("beaker", "tumbler", "chalice"),
     "bottle": ("carafe",),
-    "spoon": ("ladle",),
+    "spoon": ("scoop",),
     "hat": ("bonnet",),
     "toy car": ("vehicle",),
     "chair": ("stool",),

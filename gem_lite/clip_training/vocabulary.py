@@ -16,7 +16,7 @@ COLORS: dict[str, tuple[str, ...]] = {
     "purple": ("purple", "violet"),
     "pink": ("pink", "rose"),
     "cyan": ("cyan", "teal", "turquoise"),
-    "brown": ("brown", "middle brown", "chestnut"),
+    "brown": ("brown", "chestnut", "middle brown"),
     "white": ("white", "snowy"),
     "gray": ("gray", "grey"),
     "black": ("black", "jet black"),
