@@ -51,6 +51,7 @@ ABLATION_NAMES = {
     "without-conjuncts": '"and" as one phrase',
     "without-peak": "no pick rule",
     "without-empty-spots": "no rule on empty spots",
+    "without-locations": "no location words",
 }
 """Endings of methods' names as figures name them."""
 TASK_NAMES = {
