@@ -78,9 +78,9 @@ BOXES = {
         "one kernel,\nsteered to 36 angles",
     ),
     "CLIPort": (
-        (("CLIP's features from above", 0, 0), ("RGB-D from above", 1, 0),
+        (("CLIP's features from above:\nlast and inner ones", 0, 0), ("RGB-D from above", 1, 0),
          ("place: crop at the pick,\nturned 36 times", 2, 0)),
-        (("semantic stream,\ntimes words at every level", 0, 1), ("spatial stream: U-Net", 1, 1),
+        (("semantic stream,\ntimes words at three levels", 0, 1), ("spatial stream: U-Net", 1, 1),
          ("both streams again", 2, 1)),
         "pick: none (36 channels)\nplace: 36 crops' features",
     ),
