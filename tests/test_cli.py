@@ -103,7 +103,7 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("several-tables none.safetensors", "none.safetensors is missing"),
         ("pointing --kind circles", "--kind must be one of bowls, shapes, got 'circles'"),
         ("pointing --scenes 0", "scenes must be at least 1, got 0"),
-        ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 3"),
+        ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
         ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
         ("clip card folder", "gem-lite clip card needs --training-crops"),
         ("results show nothing", "there are no results named 'nothing'; there are: bars-in-box, "),

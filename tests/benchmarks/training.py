@@ -78,7 +78,7 @@ def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clo
 def count(name: str, preset: str, dim: int, width: int) -> int:
     """Trainable parameters of a method with a CLIP whose embeddings have ``dim`` numbers, its features ``width``."""
     method, config = methods.find(name, preset)
-    return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width)))
+    return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width, inner_widths=(width, width))))
 
 
 def main() -> None:
