@@ -23,8 +23,8 @@ from gem_lite.policies.networks import parameter_count
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
-VIT_B_32 = 512, 768
-"""Length of the paper's CLIP's embeddings, and of the features that are projected to them."""
+VIT_B_32 = 512, 768, (768, 768)
+"""Widths of the paper's CLIP: of its embeddings, of the features that are projected to them, of inner features."""
 PARTS = ("batch", "encoder", "kernel", "correlation", "backward", "optimizer")
 REPEATS = 7
 
@@ -75,10 +75,10 @@ def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clo
         clock.timed("optimizer", optimizers[name].step)
 
 
-def count(name: str, preset: str, dim: int, width: int) -> int:
-    """Trainable parameters of a method with a CLIP whose embeddings have ``dim`` numbers, its features ``width``."""
+def count(name: str, preset: str, dim: int, width: int, inner_widths: tuple[int, ...]) -> int:
+    """Trainable parameters of a method with a CLIP of these widths: see `Clip`."""
     method, config = methods.find(name, preset)
-    return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width, inner_widths=(width, width))))
+    return parameter_count(method(config, types.SimpleNamespace(dim=dim, width=width, inner_widths=inner_widths)))
 
 
 def main() -> None:
@@ -87,7 +87,8 @@ def main() -> None:
     first = demos[0].steps[0]
     print(f"parameters: lite (CLIP of {model.dim} numbers), paper (of {VIT_B_32[0]}), the paper's Table A1")
     for name in methods.METHODS.names():
-        lite, paper = count(name, "lite", model.dim, model.width), count(name, "paper", *VIT_B_32)
+        lite = count(name, "lite", model.dim, model.width, model.inner_widths)
+        paper = count(name, "paper", *VIT_B_32)
         print(f"  {name:16s}{lite / 1e6:6.2f} M  {paper / 1e6:6.2f} M   {TABLE_A1[name]}")
     print(
         f"\none training step, batch {LITE.batch}, {torch.get_num_threads()} threads; fastest of {REPEATS}, shares in %"
