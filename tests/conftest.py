@@ -1,6 +1,7 @@
 """Fixtures that several test modules share. Nothing here may reach the network or the user's caches."""
 
 import copy
+import dataclasses
 import os
 import sys
 import tempfile
@@ -90,6 +91,13 @@ def demo_set(tmp_path_factory):
     """(folder, demonstrations): two saved expert episodes. Copy the folder before damaging it."""
     folder = tmp_path_factory.mktemp("demos") / "bowl-2"
     return folder, list(collecting.collect("put-block-in-bowl-seen-colors", 2, folder))
+
+
+@pytest.fixture(scope="session")
+def demos(demo_set):
+    """The first step of one episode, twice, so that each finds a crop of the other."""
+    one = dataclasses.replace(demo_set[1][0], steps=demo_set[1][0].steps[:1])
+    return [one, one]
 
 
 TRAINS_LIVE = {"02", "05", "06", "07", "08"}

@@ -33,13 +33,6 @@ def model():
     return clip.load()
 
 
-@pytest.fixture(scope="module")
-def demos(demo_set):
-    """The first step of one episode, twice, so that each finds a crop of the other."""
-    one = dataclasses.replace(demo_set[1][0], steps=demo_set[1][0].steps[:1])
-    return [one, one]
-
-
 @pytest.fixture(scope="module", autouse=True)
 def seen_once():
     """What the views are embedded to is the same for most ablations: make it once."""

@@ -40,13 +40,6 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def demos(demo_set):
-    """The first step of one episode, twice, so that each finds a crop of the other."""
-    one = dataclasses.replace(demo_set[1][0], steps=demo_set[1][0].steps[:1])
-    return [one, one]
-
-
-@pytest.fixture(scope="module")
 def encoded(model, demos):
     """``encoded(name, config)``: the bytes of the prepared steps."""
 

@@ -19,6 +19,7 @@ from gem_lite import clip, tasks
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.evaluation import evaluate, results
 from gem_lite.policies import methods
+from gem_lite.simulation.task import SOLVED
 
 ROWS = results.RESULTS / "benchmark"
 """The folder of the rows: one file for each cell."""
@@ -33,8 +34,6 @@ VARIANTS = (
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
-SOLVED = 0.99
-"""The expert solves an episode if its reward is above."""
 ENTRIES = ("families", "ours", "multi", "tiers", "search", "settings", "skipped")
 """The entries of a plan."""
 DIGITS = 12

@@ -10,6 +10,7 @@ from gem_lite import demonstrations, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
 from gem_lite.simulation import worlds
 from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.task import SOLVED
 from gem_lite.simulation.world import World
 
 
@@ -74,7 +75,7 @@ def collect(
         while len(files) < episodes:
             demonstration = roll_out(table, task_name, split, index)
             index += 1
-            if sum(step.reward for step in demonstration.steps) > 0.99:
+            if sum(step.reward for step in demonstration.steps) > SOLVED:
                 files |= demonstrations.write_episode(folder, len(files), demonstration)
                 demonstrations.write_manifest(folder, {**facts, "next": index}, files)
                 bar.update()

@@ -17,7 +17,7 @@ from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.effectors import EFFECTORS, Effector
 from gem_lite.simulation.floating_tool import PARKED, RATE
 from gem_lite.simulation.shapes import Body
-from gem_lite.simulation.task import Task
+from gem_lite.simulation.task import SOLVED, Task
 from gem_lite.simulation.worlds import HOME, RGBA, WorldStyle
 
 SETTLE_STEPS = 4800
@@ -206,7 +206,7 @@ class Environment(ABC):
         before = self._score
         self._score = self.task.score(self)
         self.task.advance(self)
-        done = self._score > 0.99 or self.steps_taken >= self.task.max_steps
+        done = self._score > SOLVED or self.steps_taken >= self.task.max_steps
         return self._score - before, done
 
     # The scene

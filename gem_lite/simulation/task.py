@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from gem_lite.simulation.environment import Environment
 
 Split = Literal["train", "val", "test"]
+SOLVED = 0.99
+"""An episode is solved if its score is above this."""
 
 
 class Task(ABC):
