@@ -21,6 +21,7 @@ class Ablation(NamedTuple):
 SHARED_ABLATIONS = {
     "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
     "without-rotation-augmentation": Ablation("training moves scenes, but does not turn them", {"turn": False}),
+    "without-locations": Ablation("location words say what CLIP makes of them, no more", {"locations": False}),
     "without-empty-spots": Ablation("a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}),
 }
 """Ablations that mean something for every method."""
@@ -43,6 +44,7 @@ class Config:
         angles: how many angles are sampled at the output.
         parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
+        locations: whether location words are read besides CLIP (`gem_lite.maps.locations`).
         empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.
@@ -73,6 +75,7 @@ class Config:
     angles: int = 36
     parser: str = "grammar"
     parsing: bool = True
+    locations: bool = True
     empty_radius: float = 0.0125
     turn: bool = True
     steps: int = 1500

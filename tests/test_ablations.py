@@ -20,10 +20,12 @@ D = 16
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
 )
-WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention"}
+WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention", "without-locations"}
 """Ablations that change what the networks are made of."""
-INPUTS_DIFFER = {
-    "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map", "without-parsing",
+WORDS_DIFFER = {"without-parsing", "without-locations"}
+"""Ablations that change the words which the networks get."""
+INPUTS_DIFFER = WORDS_DIFFER | {
+    "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map",
 }  # fmt: skip
 """Ablations that change what the networks see."""
 
@@ -168,13 +170,14 @@ def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
     same_maps = all(torch.equal(one.maps[role], other.maps[role]) for role in ("pick", "place"))
     same_words = torch.equal(one.words["pick"], other.words["pick"])
     assert (same_maps and same_words) == (ending not in INPUTS_DIFFER)
-    assert same_words == (ending != "without-parsing")
+    assert same_words == (ending not in WORDS_DIFFER)
 
 
 @pytest.mark.parametrize("ending", ABLATIONS)
 def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, tmp_path):
     policy = Policy(SMALL.ablated(ending), model, memory=whole[0].memory)
-    train.train(policy, whole[1], seed=0, run=tmp_path)
+    steps = prepare(policy, demos) if ending in WORDS_DIFFER else whole[1]
+    train.train(policy, steps, seed=0, run=tmp_path)
     save_policy(policy, tmp_path / "policy.safetensors", {})
     loaded = load_policy(tmp_path / "policy.safetensors", model)
     assert (

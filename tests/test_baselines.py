@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from gem_lite import clip
 from gem_lite.learning import train
 from gem_lite.learning.train import make_batch
+from gem_lite.maps import locations
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
@@ -19,6 +20,8 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
 
 D, WIDTH, INNER = 16, 24, (12, 6)
+L = D + locations.CODE_LENGTH
+"""The length of what the networks get of a phrase."""
 COARSE = {"cliport": (WIDTH, *INNER), "cliport-grounded": (D, *INNER)}
 """Channels of what CLIP says of a picture's places, where a method asks it: the last features, then inner ones."""
 SMALL = {
@@ -66,7 +69,7 @@ def random_inputs(name, height, width, batch=1):
         rgbd=torch.rand(batch, 4, height, width),
         maps={role: torch.rand(batch, 1, height, width) for role in roles} if name == "gem" else {},
         features={f"level {i}": feature for i, feature in enumerate(features)},
-        words={role: F.normalize(torch.randn(batch, D), dim=1) for role in roles},
+        words={role: F.normalize(torch.randn(batch, L), dim=1) for role in roles},
     )
 
 
@@ -142,7 +145,7 @@ def test_place_queries_turn_with_the_object(name, turns):
     place = without_clip(name).place
     place = getattr(place, "network", place)
     channels = sum(place.encoder.parts) if name in COARSE else 4
-    image, words, centre = torch.rand(1, channels, 33, 33), torch.randn(1, D), [[16, 16]]
+    image, words, centre = torch.rand(1, channels, 33, 33), torch.randn(1, L), [[16, 16]]
     with torch.no_grad():
         before = place.kernels(image, words, torch.tensor(centre))
         turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
@@ -174,7 +177,7 @@ def test_turned_crops_keep_the_pick_at_their_centre():
 @pytest.mark.parametrize("name", methods.METHODS.names())
 def test_each_phrase_reaches_its_own_module(name):
     policy, inputs, picks = without_clip(name), random_inputs(name, 32, 32), torch.tensor([[12, 20]])
-    other = F.normalize(torch.randn(1, D), dim=1)
+    other = F.normalize(torch.randn(1, L), dim=1)
     with torch.no_grad():
         pick, place = policy.score_pick(inputs), policy.score_place(inputs, picks)
         said = dataclasses.replace(inputs, words=inputs.words | {"pick": other})
@@ -188,7 +191,7 @@ def test_each_phrase_reaches_its_own_module(name):
 def test_grounding_multiplies_clips_features_with_the_words():
     # A place whose features have nothing in common with the words tells the networks nothing.
     policy, inputs = without_clip("cliport-grounded"), random_inputs("cliport-grounded", 32, 32)
-    words = torch.zeros(1, D)
+    words = torch.zeros(1, L)
     words[:, :8] = 1.0
     coarse = inputs.features["level 0"]
     unseen, seen = coarse.clone(), coarse.clone()
@@ -223,7 +226,7 @@ def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = list(numbered_steps(demo_set[1]))
     for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
         last = prepared.with_image.features["level 0"].float()
-        score = torch.einsum("dhw,d->hw", last, prepared.with_image.words["pick"])
+        score = torch.einsum("dhw,d->hw", last, prepared.with_image.words["pick"][: model.dim])
         row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
         assert score.shape == (20, 10)
         assert score[row, col] > score.median() + 0.2, step.instruction

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+import torch
 
+from gem_lite import clip
 from gem_lite.maps import locations
 from gem_lite.se2 import Workspace
+from gem_lite.simulation import ropes
 
 WORKSPACE = Workspace()
 
@@ -72,3 +75,30 @@ def test_one_response_stays_as_it_is():
 def test_an_unknown_word_is_named():
     with pytest.raises(ValueError, match="word must be one of left, right, top, bottom, middle, got 'north'"):
         locations.located(table((50, 20, 1.0)), "north", WORKSPACE)
+
+
+def test_the_code_tells_directions_apart_that_the_clip_of_the_benchmark_does_not():
+    phrases = [f"{start} to {end}" for start, end in ropes.DIRECTIONS]
+    codes = torch.stack([locations.code(phrase) for phrase in phrases])
+    embeddings = clip.load(clip.DATA / "clip-benchmark").embed_texts(phrases)
+    apart = ~torch.eye(len(phrases), dtype=torch.bool)
+    assert (embeddings @ embeddings.T)[apart].min() > 0.99
+    assert (codes @ codes.T)[apart].max() < 0.9
+
+
+@pytest.mark.parametrize(
+    ("phrase", "words"),
+    [
+        ("red block", {}),
+        ("left star hole", {0: 1}),
+        ("Front left tip to back left corner", {4: 1, 0: 1, 7: 1, 9 + 5: 1, 9 + 0: 1, 9 + 8: 1}),
+        ("tip tip", {7: 2}),
+    ],
+)
+def test_the_code_counts_words_before_and_after_to(phrase, words):
+    expected = torch.zeros(locations.CODE_LENGTH)
+    for number, count in words.items():
+        expected[number] = count
+    code = locations.code(phrase)
+    assert torch.allclose(code, torch.nn.functional.normalize(expected, dim=0))
+    assert code.norm() == pytest.approx(1 if words else 0)

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 
 from gem_lite.files import DATA
-from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies.gem import Policy
 
 PAIRS = DATA / "kernel_pairs.csv"
@@ -48,7 +47,7 @@ def read_pairs(path: Path = PAIRS) -> list[PhrasePair]:
 @torch.inference_mode()
 def pick_kernels(policy: Policy, phrases: Sequence[str]) -> torch.Tensor:
     """The unrotated pick kernels psi(phrase) (Eq. 9), (N, C, h, h) on the CPU."""
-    words = torch.stack([embed_query(phrase, policy.clip) for phrase in phrases]).to(policy.device)
+    words = torch.stack([policy.embed_words(phrase) for phrase in phrases]).to(policy.device)
     return policy.pick.kernel(words).float().cpu()
 
 

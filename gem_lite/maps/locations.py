@@ -3,6 +3,10 @@
 A patch does not show where on the table it lies, so CLIP gives all star holes the same score; and training turns the
 pictures, so a network cannot learn what "left" is. Here the word acts on the semantic map of the unturned table: it
 chooses one of the map's strongest responses and lowers the others. Training then turns the map with the picture.
+
+Other location words belong to a thing, not to the table: "front left tip to back left corner" of a square. The embedded
+CLIP gives such phrases nearly the same embedding, because no crop shows what they mean. So the networks of every method
+get the words themselves, too: `code`.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import torch
 from scipy import ndimage
 
 from gem_lite.se2 import Workspace
@@ -20,6 +25,10 @@ SPACING = 0.03
 """Two responses are at least this far (m) apart."""
 LOWERED = 0.3
 """Afterwards, the other responses are at least this far below the chosen one."""
+
+WORDS = ("left", "right", "top", "bottom", "front", "back", "middle", "tip", "corner")
+"""The words that `code` counts."""
+CODE_LENGTH = 2 * len(WORDS)
 
 _Keys = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _SMALLEST: dict[str, _Keys] = {
@@ -41,6 +50,17 @@ def location_word(phrase: str) -> str | None:
     if len(words) < 2 or words[0] not in _SMALLEST or words[1] == "of":
         return None
     return words[0]
+
+
+def code(phrase: str) -> torch.Tensor:
+    """The location words of a phrase as a vector (`CODE_LENGTH`,): how often each of `WORDS` is there.
+
+    The first half counts the words of "A" in "A to B", the second half those of "B"; a phrase without "to" is an "A".
+    The vector has unit length, as CLIP's embeddings have; it is 0 if there is no location word.
+    """
+    start, _, end = phrase.lower().partition(" to ")
+    counts = [part.split().count(word) for part in (start, end) for word in WORDS]
+    return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32), dim=0)
 
 
 def responses(semantic: np.ndarray, workspace: Workspace) -> np.ndarray:

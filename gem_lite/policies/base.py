@@ -23,7 +23,8 @@ from gem_lite import language
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.language import Queries
+from gem_lite.language import ImageQuery, Queries, Query
+from gem_lite.maps import locations
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies.samples import Cell, Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
@@ -177,8 +178,20 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         return queries if self.config.parsing else Queries(instruction, instruction, queries.push)
 
     def words(self, queries: Queries) -> dict[str, torch.Tensor]:
-        """The queries' embeddings (D,), as `Inputs` holds them: "pick" and "place"."""
-        return {"pick": embed_query(queries.pick, self.clip), "place": embed_query(queries.place, self.clip)}
+        """What the networks get of the queries, (L,) each, as `Inputs` holds it: "pick" and "place"."""
+        return {"pick": self.embed_words(queries.pick), "place": self.embed_words(queries.place)}
+
+    def embed_words(self, query: Query) -> torch.Tensor:
+        """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
+        embedding = embed_query(query, self.clip)
+        if not self.config.locations:
+            return embedding
+        return torch.cat([embedding, locations.code("" if isinstance(query, ImageQuery) else query)])
+
+    @property
+    def language_dim(self) -> int:
+        """L, the length of `embed_words`."""
+        return self.clip.dim + (locations.CODE_LENGTH if self.config.locations else 0)
 
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""

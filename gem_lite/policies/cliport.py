@@ -125,7 +125,7 @@ class Grounding(nn.Module):
 
     def __init__(self, features: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
-        self.match = nn.Conv2d(language_dim, self.outputs(config), 1)
+        self.match = nn.Conv2d(features, self.outputs(config), 1)
 
     @staticmethod
     def outputs(config: ClipPortConfig) -> int:
@@ -133,9 +133,10 @@ class Grounding(nn.Module):
         return config.widths[0]
 
     def forward(self, coarse: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
-        """``coarse`` (B, D, h, w), ``words`` (B, D) to (B, outputs, h, w)."""
-        # Entries of unit vectors are about 1 / sqrt(D); the factor D brings their products to about 1.
-        return F.relu(self.match(words.shape[1] * coarse * words[:, :, None, None]))
+        """``coarse`` (B, C, h, w), ``words`` (B, D) with CLIP's embedding (B, C) in front, to (B, outputs, h, w)."""
+        size = coarse.shape[1]
+        # Entries of unit vectors are about 1 / sqrt(C); the factor C brings their products to about 1.
+        return F.relu(self.match(size * coarse * words[:, :size, None, None]))
 
 
 class WithSemantics(nn.Module):
@@ -195,10 +196,10 @@ class ClipPort(PickPlacePolicy[DenseView]):
 
     def _two_stream(self, outputs: int) -> TwoStream:
         semantics = [self.Semantics.outputs(self.config), *(after for _, after in self._inner)]
-        return TwoStream(semantics, outputs, self.clip.dim, self.config)
+        return TwoStream(semantics, outputs, self.language_dim, self.config)
 
     def _with_semantics(self, network: nn.Module) -> WithSemantics:
-        semantics = self.Semantics(self.clip.width, self.clip.dim, self.config)
+        semantics = self.Semantics(self.last_width, self.language_dim, self.config)
         return WithSemantics(semantics, self._inner, network)
 
     @property
@@ -213,8 +214,13 @@ class ClipPort(PickPlacePolicy[DenseView]):
         inner = self.clip.inner_features(heightmap.rgb, patch)
         return DenseView(heightmap, (self.last_features(heightmap.rgb, patch), *inner))
 
+    @property
+    def last_width(self) -> int:
+        """C, the number of CLIP's last features."""
+        return self.clip.width
+
     def last_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:
-        """CLIP's features (D, h, w) of a picture (H, W, 3) before they are pooled, as in CLIPort."""
+        """CLIP's features (C, h, w) of a picture (H, W, 3) before they are pooled, as in CLIPort."""
         return self.clip.dense_features(picture, patch)
 
     @override
@@ -237,6 +243,11 @@ class GroundedClipPort(ClipPort):
 
     method = "cliport-grounded"
     Semantics = Grounding
+
+    @property
+    @override
+    def last_width(self) -> int:
+        return self.clip.dim
 
     @override
     def last_features(self, picture: np.ndarray, patch: int) -> torch.Tensor:

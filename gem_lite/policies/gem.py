@@ -180,7 +180,7 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
 
     @override
     def build(self) -> tuple[PickModule, PlaceModule]:
-        return PickModule(self.config, self.clip.dim), PlaceModule(self.config, self.clip.dim)
+        return PickModule(self.config, self.language_dim), PlaceModule(self.config, self.language_dim)
 
     @cached_property
     def source(self) -> sources.MapSource:

@@ -32,7 +32,7 @@ ABLATIONS = {
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
     "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
-    "without-locations": Ablation('"left" does not choose among the places of a map', {"locations": False}),
+    "without-locations": SHARED_ABLATIONS["without-locations"],
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
 }
@@ -52,7 +52,6 @@ class GemConfig(PatchConfig):
         drop_image_map: how often training hides the image-conditioned map.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
-        locations: whether a location word chooses among the strongest responses of a map (`gem_lite.maps.locations`).
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
@@ -89,7 +88,6 @@ class GemConfig(PatchConfig):
     drop_image_map: float = 0.3
     own_crop: bool = False
     conjuncts: bool = True
-    locations: bool = True
     map_gain: tuple[float, float] = (0.5, 1.2)
     map_offset: float = 0.1
     recolor: bool = True

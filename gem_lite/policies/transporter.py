@@ -141,7 +141,7 @@ class TransporterLan(PickPlacePolicy[TopView]):
     @override
     def build(self) -> tuple[nn.Module, nn.Module]:
         c = self.config
-        words = self.clip.dim
+        words = self.language_dim
         key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
         return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
 
