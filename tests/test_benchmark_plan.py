@@ -72,6 +72,13 @@ def test_a_policy_for_all_tasks_has_as_many_steps_for_each(plan):
     assert training.config.steps == LITE.steps * 10
 
 
+def test_a_longer_task_is_longer_for_every_method_and_not_for_the_policy_of_all_tasks(plan):
+    steps = {(cell.method, cell.training.tasks): cell.training.config.steps for cell in plan.tier("must")}
+    for method in ("gem", "cliport", "transporter-lan"):
+        assert steps[method, ("align-rope",)] == 4 * steps[method, ("block-insertion",)]
+    assert steps["gem-multi", plan.several] == 10 * steps["gem", ("block-insertion",)]
+
+
 @pytest.mark.parametrize(
     "change",
     [{"demos": 20}, {"seed": 1}, {"steps": 7}, {"learning_rate": 0.5}, {"tasks": ("bars-in-box",)},

@@ -34,7 +34,7 @@ VARIANTS = (
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
-ENTRIES = ("families", "ours", "multi", "tiers", "search", "settings", "skipped")
+ENTRIES = ("families", "ours", "multi", "tiers", "search", "settings", "longer", "skipped")
 """The entries of a plan."""
 DIGITS = 12
 """Hexadecimal digits of a hash in a file's name."""
@@ -140,6 +140,7 @@ class Plan:
         families: for each task of demonstrations, the tasks on which its policy is measured.
         ours: the tasks that are not the paper's.
         several: the tasks of the demonstrations of a method with the ending "multi".
+        longer: by task of demonstrations, how many times as long every method is trained on it.
         skipped: by task, the indices of the test episodes that the expert does not solve.
 
     Args:
@@ -162,7 +163,9 @@ class Plan:
         self.skipped: dict[str, tuple[int, ...]] = {
             name: tuple(indices) for name, indices in content["skipped"].items()
         }
-        for name in (*itertools.chain(*self.families.values()), *self.families, *self.several, *self.skipped):
+        self.longer: dict[str, int] = dict(content["longer"])
+        named = itertools.chain(*self.families.values(), self.families, self.several, self.longer, self.skipped)
+        for name in named:
             tasks.family(name)
         self._content = content
         self._clip = clip.load(clip_name).fingerprint
@@ -221,6 +224,9 @@ class Plan:
         trained = [source for source, measured in self.families.items() if task in measured]
         if not trained:
             raise ValueError(f"no family of the plan has the task {task!r}")
+        if steps is None and trained[0] in self.longer:
+            steps = settings.get("steps", methods.find(method)[1].steps)
+            settings["steps"] = steps * self.longer[trained[0]]
         return Training(method, (trained[0],), demos, seed, clip_fingerprint=self._clip, **settings)
 
 
