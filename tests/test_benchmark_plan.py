@@ -175,11 +175,11 @@ def test_the_tables_hold_every_row_of_test_episodes(plan, tmp_path, monkeypatch)
     table = plot_benchmark.arranged(benchmark.stored_rows())
     assert set(table) == {"expert", "expert-rounded", "expert-rounded, paper"}
     text = plot_benchmark.markdown(table, [*plan.variants])
-    assert text.count("\n") == 2 + 18
-    assert "| 0.0 [-5.0, 5.0] |" in text
+    assert text.count("\n") == 2 + 18 + 1
+    assert "| 0.0 [-5.0, 5.0] |" in text and "| **mean of the 18** | " in text
     assert main(["results", "tables", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / "table-1.md").read_text().count("\n") == 2 + 21
-    assert (tmp_path / "out" / "table-1.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "ceilings.md").read_text().count("\n") == 2 + 21 + 1
+    assert (tmp_path / "out" / "ceilings.png").stat().st_size > 10_000
 
 
 def test_two_rows_for_one_cell_of_a_table_are_refused(plan):

@@ -1,7 +1,9 @@
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from gem_lite.evaluation import benchmark, results, summaries
+from gem_lite.figures import plot_benchmark
 
 
 def row(method, task, rewards, demos=10, seed=0, **changes):
@@ -55,6 +57,45 @@ def test_the_mean_counts_every_task_once_and_its_interval_covers():
     assert covered >= 0.93 * 300
     with pytest.raises(ValueError, match="at least one task"):
         summaries.mean_over_tasks({})
+
+
+def test_every_row_finds_its_table():
+    rows = [
+        *ROWS, row("gem-without-image-map", "b", [1.0] * 10), row("gem-multi", "b", [1.0] * 10),
+        row("cliport", "b", [0.0] * 10, demos=100),
+    ]  # fmt: skip
+    tables = {
+        name: {(one["method"], one["task"], one["demos"], one["seed"]) for one in chosen}
+        for name, chosen in summaries.table_rows(rows).items()
+    }
+    assert tables == {
+        "table-1": {
+            ("gem", "a-seen", 10, 0), ("gem", "a-unseen", 10, 0), ("gem", "b", 10, 0), ("gem", "a-seen", 100, 0),
+            ("gem-multi", "b", 10, 0), ("cliport", "b", 100, 0),
+        },
+        "table-a2": {("gem", "b", 10, 0), ("gem-without-image-map", "b", 10, 0)},
+        "ceilings": {("expert", "b", None, None)},
+        "seeds": {("gem", "b", 10, 0), ("gem", "b", 10, 1)},
+    }  # fmt: skip
+
+
+def test_scaling_is_over_the_tasks_that_have_every_number():
+    rows = [
+        row(method, task, [level] * 10, demos=count)
+        for method, count, level in (("gem", 10, 0.5), ("gem", 100, 1.0), ("cliport", 10, 0.0), ("cliport", 100, 0.5))
+        for task in ("a-seen", "b")
+    ]
+    tasks, curves = summaries.scaling([*rows, row("gem", "c", [0.0] * 10)], ("gem", "cliport"), (10, 100))
+    assert tasks == ["a-seen", "b"]
+    assert {name: [mean for mean, _ in points.values()] for name, points in curves.items()} == {
+        "gem": [50, 100], "cliport": [0, 50],
+    }  # fmt: skip
+    assert summaries.scaling(rows, ("gem", "cliport"), (10, 20)) == ([], {})
+    figure = plot_benchmark.show_scaling(tasks, curves)
+    (axes,) = figure.axes
+    assert axes.get_ylabel() == "mean over 2 tasks"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["gem", "cliport"]
+    plt.close(figure)
 
 
 def test_seen_and_unseen_are_paired():

@@ -11,11 +11,17 @@ from tqdm import tqdm
 from typing_extensions import override
 from tyro.conf import Positional
 
+from gem_lite import tasks
 from gem_lite.cli.command import Command, ImportingCommand
-from gem_lite.evaluation import benchmark, experiments, gallery, pointing, results
+from gem_lite.evaluation import benchmark, experiments, gallery, pointing, results, summaries
 from gem_lite.evaluation.experiments import Experiment
 from gem_lite.figures import plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
+
+COMPARED = ("gem", "cliport", "transporter-lan")
+"""The methods of Fig. A5."""
+SCALED = ((10, 100), (10, 20, 100))
+"""The numbers of demonstrations of its pictures: few tasks are measured with 20."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +83,7 @@ class Show(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Tables(Command):
-    """Draw the benchmark's tables from the stored rows: every method on every task, as a picture and as Markdown."""
+    """Draw the benchmark's tables and its scaling (Fig. A5) from the stored rows, as pictures and as Markdown."""
 
     examples: ClassVar[tuple[str, ...]] = ("gem-lite results tables build/benchmark",)
 
@@ -89,13 +95,24 @@ class Tables(Command):
         rows = benchmark.stored_rows()
         if not rows:
             raise ValueError(f"there are no rows in {benchmark.ROWS}: measure some with workflow/Snakefile")
-        table = plot_benchmark.arranged(rows)
-        names = list(dict.fromkeys(task for column in table.values() for task in column))
         self.folder.mkdir(parents=True, exist_ok=True)
-        text = plot_benchmark.markdown(table, names)
-        write_atomically(self.folder / "table-1.md", text.encode())
-        plot_benchmark.show_table(table, names).savefig(self.folder / "table-1.png", dpi=110)
-        print(f"wrote {self.folder / 'table-1.md'} and {self.folder / 'table-1.png'}, from {len(rows)} rows")
+        for name, chosen in summaries.table_rows(rows).items():
+            self.write_table(name, chosen)
+        for counts in SCALED:
+            common, curves = summaries.scaling(rows, COMPARED, counts)
+            if common:
+                path = self.folder / f"figure-a5-{'-'.join(map(str, counts))}.png"
+                plot_benchmark.show_scaling(common, curves).savefig(path, dpi=110)
+                print(f"wrote {path}, means over {', '.join(common)}")
+
+    def write_table(self, name: str, rows: list[dict]) -> None:
+        """Write a table as Markdown and as a picture."""
+        table = plot_benchmark.arranged(rows)
+        measured = {task for column in table.values() for task in column}
+        names = [task for task in dict.fromkeys((*benchmark.VARIANTS, *tasks.names())) if task in measured]
+        write_atomically(self.folder / f"{name}.md", plot_benchmark.markdown(table, names).encode())
+        plot_benchmark.show_table(table, names).savefig(self.folder / f"{name}.png", dpi=110)
+        print(f"wrote {name}.md and {name}.png into {self.folder}, from {len(rows)} rows")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The benchmark in a few numbers: means over tasks, seen beside unseen, and the rivals that are better.
+"""The benchmark in a few numbers: means over tasks, seen beside unseen, better rivals, and the rows of each table.
 
 Everything is computed from stored rows (`benchmark.stored_rows`).
 """
@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from gem_lite.evaluation import results
+from gem_lite.config import MULTI_TASK
+from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.results import Score
+from gem_lite.policies import methods
 
 
 def scores(
@@ -38,7 +40,11 @@ def scores(
     }
 
 
-def mean_over_tasks(task_scores: Mapping[str, Score]) -> tuple[float, tuple[float, float]]:
+MeanAndInterval = tuple[float, tuple[float, float]]
+"""A mean (0-100) and the ends of its 95 % interval."""
+
+
+def mean_over_tasks(task_scores: Mapping[str, Score]) -> MeanAndInterval:
     """The mean (0-100) of several tasks' means, each counted once, and its 95 % interval.
 
     The tasks are fixed, and their episodes are independent. So the squares of the distances between each mean and the
@@ -49,11 +55,15 @@ def mean_over_tasks(task_scores: Mapping[str, Score]) -> tuple[float, tuple[floa
     """
     if not task_scores:
         raise ValueError("task_scores must hold at least one task, got none")
-    count = len(task_scores)
-    members = task_scores.values()
-    mean = sum(score.mean for score in members) / count
-    below = math.hypot(*(score.mean - score.interval[0] for score in members)) / count
-    above = math.hypot(*(score.interval[1] - score.mean for score in members)) / count
+    return mean_of_means([(score.mean, score.interval) for score in task_scores.values()])
+
+
+def mean_of_means(means: Sequence[tuple[float, tuple[float, float]]]) -> MeanAndInterval:
+    """The mean of independent means, given with their intervals: see `mean_over_tasks`."""
+    count = len(means)
+    mean = sum(value for value, _ in means) / count
+    below = math.hypot(*(value - low for value, (low, _) in means)) / count
+    above = math.hypot(*(high - value for value, (_, high) in means)) / count
     return round(mean, 1), (round(max(0.0, mean - below), 1), round(min(100.0, mean + above), 1))
 
 
@@ -74,3 +84,47 @@ def better_rivals(own: Score, rivals: Mapping[str, Score]) -> list[str]:
         ValueError: a rival's episodes are others, see `results.paired_difference`.
     """
     return [name for name, rival in rivals.items() if results.paired_difference(rival, own).interval[0] > 0]
+
+
+def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:
+    """The rows over all test episodes, by the table to which they belong. A row may belong to several.
+
+    Returns:
+        "table-1": whole methods, alone or for several tasks, seed 0. "table-a2": GEM and its ablations with 10
+        demonstrations, seed 0, on the tasks on which an ablation was measured. "ceilings": methods without training.
+        "seeds": methods of which a task has several training seeds. A table without rows is left out.
+    """
+    rows = [row for row in rows if row["split"] == "test" and row["subset"] == "all"]
+    scripted = [row for row in rows if row["method"] in evaluate.SCRIPTED]
+    trained = [row for row in rows if row["method"] not in evaluate.SCRIPTED]
+    endings = {name: methods.split(name) for name in {row["method"] for row in trained}}
+    whole = [row for row in trained if row["seed"] == 0 and set(endings[row["method"]][1]) <= {MULTI_TASK}]
+    of_gem = [row for row in trained if endings[row["method"]][0] == "gem" and (row["seed"], row["demos"]) == (0, 10)]
+    ablated = {row["task"] for row in of_gem if set(endings[row["method"]][1]) - {MULTI_TASK}}
+    reseeded = {(row["method"], row["task"], row["demos"]) for row in trained if row["seed"] != 0}
+    tables = {
+        "table-1": whole,
+        "table-a2": [row for row in of_gem if row["task"] in ablated and MULTI_TASK not in endings[row["method"]][1]],
+        "ceilings": scripted,
+        "seeds": [row for row in trained if (row["method"], row["task"], row["demos"]) in reseeded],
+    }
+    return {name: chosen for name, chosen in tables.items() if chosen}
+
+
+def scaling(
+    rows: Sequence[dict], names: Sequence[str], counts: Sequence[int]
+) -> tuple[list[str], dict[str, dict[int, MeanAndInterval]]]:
+    """Means over tasks against the number of demonstrations (Fig. A5), seed 0.
+
+    Returns:
+        The tasks on which every method was measured with every number; and by method and number the mean over these
+        tasks. Without such a task, both are empty.
+    """
+    cells = {(name, count): scores(rows, name, count) for name in names for count in counts}
+    tasks = sorted(set.intersection(*(set(found) for found in cells.values())))
+    if not tasks:
+        return [], {}
+    curves: dict[str, dict[int, MeanAndInterval]] = {name: {} for name in names}
+    for (name, count), found in cells.items():
+        curves[name][count] = mean_over_tasks({task: found[task] for task in tasks})
+    return tasks, curves

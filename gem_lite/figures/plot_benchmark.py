@@ -1,14 +1,16 @@
-"""The benchmark's tables: a method's score on every task, as a picture and as Markdown."""
+"""The benchmark's tables, as pictures and as Markdown, and its scaling with demonstrations (Fig. A5)."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from gem_lite.figures.plots import MAP_COLORS
+from gem_lite.evaluation.summaries import MeanAndInterval, mean_of_means
+from gem_lite.figures.plots import MAP_COLORS, SAFE_COLORS
 
 Row = Mapping[str, object]
 """A row of results, see `gem_lite.evaluation.results`."""
@@ -47,16 +49,34 @@ def arranged(rows: Sequence[Row]) -> Table:
 
 
 def markdown(table: Table, tasks: Sequence[str]) -> str:
-    """A Markdown table: a line for each task, a column for each method, "mean [low, high]" in each cell."""
+    """A Markdown table: a line for each task, a column for each method, "mean [low, high]" in each cell.
+
+    The last line is the mean over the tasks, for the columns that have them all.
+    """
     head = f"| task | {' | '.join(table)} |"
     lines = [head, "|---|" + "---|" * len(table)]
     for task in tasks:
         cells = []
         for column in table.values():
             row = column.get(task)
-            cells.append("{mean:.1f} [{ci95[0]:.1f}, {ci95[1]:.1f}]".format(**row) if row else "")
+            cells.append(_cell(_interval(row)) if row else "")
         lines.append(f"| {task} | {' | '.join(cells)} |")
+    means = []
+    for column in table.values():
+        complete = all(task in column for task in tasks)
+        means.append(_cell(mean_of_means([_interval(column[task]) for task in tasks])) if complete else "")
+    lines.append(f"| **mean of the {len(tasks)}** | {' | '.join(means)} |")
     return "\n".join(lines) + "\n"
+
+
+def _interval(row: Row) -> MeanAndInterval:
+    low, high = map(float, row["ci95"])  # type: ignore[call-overload]
+    return float(str(row["mean"])), (low, high)
+
+
+def _cell(value: MeanAndInterval) -> str:
+    mean, (low, high) = value
+    return f"{mean:.1f} [{low:.1f}, {high:.1f}]"
 
 
 def show_table(table: Table, tasks: Sequence[str]) -> Figure:
@@ -74,6 +94,26 @@ def show_table(table: Table, tasks: Sequence[str]) -> Figure:
         if not np.isnan(mean):
             ax.text(column, line, f"{mean:.0f}", ha="center", va="center", fontsize=8, color=_ink(colors(mean / 100)))
     fig.colorbar(image, ax=ax, shrink=0.6, label="mean over the episodes")
+    return fig
+
+
+def show_scaling(tasks: Sequence[str], curves: Mapping[str, Mapping[int, MeanAndInterval]]) -> Figure:
+    """Success against the number of demonstrations (Fig. A5): means over ``tasks``, of `summaries.scaling`."""
+    fig, ax = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    for number, ((name, points), color) in enumerate(zip(curves.items(), itertools.cycle(SAFE_COLORS), strict=False)):
+        counts = np.array(list(points)) * 1.03 ** (
+            number - len(curves) / 2
+        )  # side by side, so that bars do not overlap
+        means = np.array([mean for mean, _ in points.values()])
+        ends = np.array([interval for _, interval in points.values()])
+        bars = np.abs(ends.T - means)
+        ax.errorbar(counts, means, bars, color=color, marker="os^Dv"[number % 5], capsize=3, label=name)
+    ax.set_xscale("log")
+    numbers = sorted({count for points in curves.values() for count in points})
+    ax.set_xticks(numbers, [str(count) for count in numbers])
+    ax.minorticks_off()
+    ax.set(xlabel="demonstrations", ylabel=f"mean over {len(tasks)} tasks", ylim=(0, 102))
+    ax.legend(loc="lower right", fontsize=8)
     return fig
 
 
