@@ -142,13 +142,23 @@ def test_all_move_with_the_table_by_16_pixels(name):
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_place_queries_turn_with_the_object(name, turns):
     # K_i(T_g crop) = K_{i+g}(crop): half of Eq. 6, exact at quarter turns for any weights.
-    place = without_clip(name).place
-    place = getattr(place, "network", place)
-    channels = sum(place.encoder.parts) if name in COARSE else 4
-    image, words, centre = torch.rand(1, channels, 33, 33), torch.randn(1, L), [[16, 16]]
+    whole = without_clip(name).place
+    place = getattr(whole, "network", whole)
+    widths = []
+    if name in COARSE:
+        widths = [whole.semantics.outputs(SMALL[name]), *(part.out_channels for part in whole.inner)]
+        [whole.semantics.outputs(SMALL[name]), *(part.out_channels for part in whole.inner)] if name in COARSE else []
+    )
+    pictures = [torch.rand(1, 4, 33, 33)]
+    pictures += [torch.rand(1, width, cells, cells) for width, cells in zip(widths, (3, 11, 33), strict=False)]
+    words, centre = torch.randn(1, L), torch.tensor([[16, 16]])
+
+    def kernels(image, *levels):
+        return place.kernels(image, words, centre, *levels)
+
     with torch.no_grad():
-        before = place.kernels(image, words, torch.tensor(centre))
-        turned = place.kernels(torch.rot90(image, turns, dims=(-2, -1)), words, torch.tensor(centre))
+        before = kernels(*pictures)
+        turned = kernels(*(torch.rot90(picture, turns, dims=(-2, -1)) for picture in pictures))
     expected = before.roll(-turns * SMALL[name].angles // 4, dims=1)
     assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
     assert not torch.allclose(turned, before, atol=1e-2 * float(before.abs().max()))
@@ -167,11 +177,22 @@ def test_turned_crops_keep_the_pick_at_their_centre():
     image = torch.zeros(1, 1, 40, 40)
     image[0, 0, 10, 30] = 1.0
     image[0, 0, 10, 34] = 0.5  # four pixels to the right of the pick
-    crops = turned_crops(image, torch.tensor([[10, 30]]), torch.tensor(angle_bins(4)).float(), 15)[0, :, 0]
+    crops = turned_crops(image, torch.tensor([[10, 30]]), torch.tensor(angle_bins(4)).float(), 15, (40, 40))[0, :, 0]
     assert torch.allclose(crops[:, 7, 7], torch.ones(4), atol=1e-5)
     # Counter-clockwise: right, up, left, down.
     for crop, (row, col) in zip(crops, [(7, 11), (3, 7), (7, 3), (11, 7)], strict=True):
         assert crop[row, col] == pytest.approx(0.5, abs=1e-5)
+
+
+def test_turned_crops_of_fewer_cells_are_those_of_the_enlarged_features():
+    # Away from the border, a feature that grows evenly is interpolated exactly, whatever the size of its cells.
+    rows, cols = torch.meshgrid(torch.arange(64.0), torch.arange(32.0), indexing="ij")
+    fine = (2 * rows - 3 * cols)[None, None]
+    coarse = F.avg_pool2d(fine, 4)
+    angles, picks = torch.tensor([0.0, 0.7, 2.0]), torch.tensor([[30, 15]])
+    expected, found = (turned_crops(image, picks, angles, 11, (64, 32)) for image in (fine, coarse))
+    assert found.shape == (1, 3, 1, 11, 11)
+    assert torch.allclose(found, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", methods.METHODS.names())

@@ -69,37 +69,41 @@ class TwoStream(nn.Module):
     """A spatial U-Net over RGB-D and a semantic decoder that takes each of its levels in by a 1 x 1 convolution.
 
     Args:
-        semantics: channels of the semantic features that enter the decoder's first levels. They all have the size of
-            the picture; a level averages them down to its own size, which is about that of CLIP's cells.
+        semantics: channels of the semantic features that enter the decoder's first levels. They cover the picture
+            with any number of cells; a level brings them to its own size.
     """
 
     def __init__(self, semantics: Sequence[int], outputs: int, language_dim: int, config: ClipPortConfig) -> None:
         super().__init__()
         widths = decoder_widths(config.widths)
-        self.parts = (RGBD, *semantics)
         self.spatial = UNet(RGBD, outputs, None, config.widths)
         below = [0, *widths[:-1]]
         joined = [*semantics, *[0] * (len(widths) - len(semantics))]
         self.semantic = nn.ModuleList(ResidualBlock(b + j, w) for b, j, w in zip(below, joined, widths, strict=True))
         # The first product with the words is in the features that enter the first level.
         self.gates = nn.ModuleList(Gate(language_dim, width) for width in widths[1 : len(semantics)])
-        self.lateral = nn.ModuleList(nn.Conv2d(2 * width, width, 1) for width in widths)
-        self.out = nn.Conv2d(widths[-1], outputs, 1)
+        self.lateral = nn.ModuleList(Pointwise(2 * width, width) for width in widths)
+        self.out = Pointwise(widths[-1], outputs)
 
-    def forward(self, image: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
-        """``image`` (B, 4 + sum(semantics), H, W) of RGB-D and semantics, ``words`` (B, D) to (B, outputs, H, W)."""
-        rgbd, *semantics = image.split(self.parts, dim=1)
+    def forward(self, rgbd: torch.Tensor, words: torch.Tensor, *semantics: torch.Tensor) -> torch.Tensor:
+        """``rgbd`` (B, 4, H, W), ``words`` (B, D) and ``semantics`` (B, C_i, h_i, w_i) to (B, outputs, H, W)."""
         levels = self.spatial.decode(rgbd)
         below: list[torch.Tensor] = []  # the first level has none below it
         for level, (spatial, block, lateral) in enumerate(zip(levels, self.semantic, self.lateral, strict=True)):
             size = (spatial.shape[-2], spatial.shape[-1])
-            enlarged = [F.interpolate(x, size, mode="bilinear", align_corners=False) for x in below]
-            entering = [F.adaptive_avg_pool2d(x, size) for x in semantics[level : level + 1]]
-            x = block(torch.cat([*enlarged, *entering], dim=1))
+            entering = [resized(x, size) for x in (*below, *semantics[level : level + 1])]
+            x = block(torch.cat(entering, dim=1))
             if 0 < level < len(semantics):
                 x = self.gates[level - 1](x, words)
             below = [F.relu(lateral(torch.cat([x, spatial], dim=1)))]
         return self.spatial.out(levels[-1]) + self.out(below[0])
+
+
+def resized(x: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
+    """Features (B, C, h, w) as (B, C, *size): interpolated if that is larger, averaged if it is smaller."""
+    if x.shape[-2] > size[0]:
+        return F.adaptive_avg_pool2d(x, size)
+    return F.interpolate(x, size, mode="bilinear", align_corners=False) if x.shape[-2] < size[0] else x
 
 
 class Projection(nn.Module):
@@ -145,7 +149,7 @@ class WithSemantics(nn.Module):
     Args:
         semantics: from CLIP's last features and the words to semantic features.
         inner: the widths of CLIP's inner features, and the widths to which they are projected.
-        network: from RGB-D and all features at the picture's size, and the words, to the output.
+        network: from RGB-D, the words, further inputs, and the semantic features of every level to the output.
     """
 
     def __init__(
@@ -163,8 +167,7 @@ class WithSemantics(nn.Module):
         last, *inner = (feature.float() for feature in features)
         levels = [self.semantics(last, words)]
         levels += [F.relu(project(feature)) for project, feature in zip(self.inner, inner, strict=True)]
-        fine = [F.interpolate(x, rgbd.shape[-2:], mode="bilinear", align_corners=False) for x in levels]
-        return self.network(torch.cat([rgbd, *fine], dim=1), words, *network_inputs)
+        return self.network(rgbd, words, *network_inputs, *levels)
 
 
 @dataclass(frozen=True)

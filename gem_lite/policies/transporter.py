@@ -11,7 +11,6 @@ learn turns of the goal.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -25,10 +24,10 @@ from gem_lite.config import Config
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
-from gem_lite.policies.samples import RGBD, Inputs, crop_at, to_rgbd
+from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
-from gem_lite.se2 import angle_bins, rotate_image
+from gem_lite.se2 import angle_bins
 from gem_lite.steerable.correlation import correlate
 
 
@@ -72,29 +71,40 @@ class TransporterConfig(KeyQueryConfig):
     joins: int = 2
 
 
-def turned_crops(image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int) -> torch.Tensor:
-    """Squares around pixels of a picture that is turned about these pixels, so that turning cuts nothing off.
+def turned_crops(
+    image: torch.Tensor, pixels: torch.Tensor, angles: torch.Tensor, size: int, shape: tuple[int, int]
+) -> torch.Tensor:
+    """Squares around pixels of a picture that is turned counter-clockwise about these pixels.
 
     Args:
-        image: (B, C, H, W); outside is 0.
-        pixels: (B, 2) integers (row, col).
+        image: (B, C, h, w), the picture or features that cover it with fewer cells; outside is 0.
+        pixels: (B, 2) integers (row, col) of the picture.
         angles: (R,) radians.
-        size: of a crop (pixels, odd).
+        size: of a crop (pixels of the picture, odd).
+        shape: (H, W) of the picture.
 
     Returns:
-        (B, R, C, size, size).
+        (B, R, C, size, size), interpolated between cells.
     """
-    reach = math.ceil(size / math.sqrt(2))
-    wide = crop_at(image, pixels, 2 * reach + 1)  # holds the square at any angle
-    middle = slice(reach - size // 2, reach + size // 2 + 1)
-    return torch.stack([rotate_image(picture[None], angles)[..., middle, middle] for picture in wide])
+    offsets = torch.arange(size, device=image.device, dtype=image.dtype) - size // 2
+    row, col = offsets[:, None], offsets[None, :]
+    c, s = angles.to(image).cos()[:, None, None], angles.to(image).sin()[:, None, None]
+    middle = pixels.to(image)[:, :, None, None, None]
+    # The source of each pixel of a crop, so this is the inverse turn: (B, R, size, size).
+    rows = middle[:, 0] + c * row + s * col
+    cols = middle[:, 1] - s * row + c * col
+    height, width = shape
+    grid = torch.stack([(2 * cols + 1) / width - 1, (2 * rows + 1) / height - 1], dim=-1)
+    crops = F.grid_sample(image, grid.flatten(1, 2), align_corners=False)  # (B, C, R * size, size)
+    return crops.unflatten(2, (len(angles), size)).transpose(1, 2)
 
 
 class KeyQuery(nn.Module):
     """Transporter's place: features of the scene correlated with those of the crop at the pick, turned R times.
 
     Args:
-        encoder, kernel: the key and the query network, (B, C, H, W) and words (B, D) to features (B, F, H, W).
+        encoder, kernel: the key and the query network: from a picture (B, 4, H, W), words (B, D) and features
+            (B, C_i, h_i, w_i) that cover the picture, if the method has any, to features (B, F, H, W).
     """
 
     angles: torch.Tensor
@@ -107,21 +117,28 @@ class KeyQuery(nn.Module):
         self.angles: torch.Tensor
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
-    def forward(self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor) -> torch.Tensor:
-        """``image`` (B, C, H, W), ``words`` (B, D), ``picks`` (B, 2) to logits (B, R, H, W)."""
-        kernels = self.kernels(image, words, picks)
-        features = self.encoder(image, words)
+    def forward(
+        self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor, *levels: torch.Tensor
+    ) -> torch.Tensor:
+        """``image`` (B, 4, H, W), ``words`` (B, D), ``picks`` (B, 2), ``levels`` (B, C_i, h_i, w_i) to (B, R, H, W)."""
+        kernels = self.kernels(image, words, picks, *levels)
+        features = self.encoder(image, words, *levels)
         with torch.autocast(features.device.type, enabled=False):
             return correlate(features.float(), kernels.float())
 
-    def kernels(self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor) -> torch.Tensor:
+    def kernels(
+        self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor, *levels: torch.Tensor
+    ) -> torch.Tensor:
         """The query of every angle, (B, R, F, size, size)."""
-        crops = turned_crops(image, picks, self.angles, self.size)
-        batch, count = crops.shape[:2]
-        # The networks halve the size four times: one more row and column makes it a multiple of 16.
-        padded = F.pad(crops.flatten(0, 1), (0, 1, 0, 1))  # (B*R, C, size+1, size+1)
-        features = self.kernel(padded, words.repeat_interleave(count, dim=0))[..., : self.size, : self.size]
-        return features.unflatten(0, (batch, count)) / self.size
+        shape = (image.shape[-2], image.shape[-1])
+        count = len(self.angles)
+        crops = []
+        for whole in (image, *levels):
+            turned = turned_crops(whole, picks, self.angles, self.size, shape).flatten(0, 1)
+            # The networks halve the size four times: one more row and column makes it a multiple of 16.
+            crops.append(F.pad(turned, (0, 1, 0, 1)))  # (B*R, C, size+1, size+1)
+        features = self.kernel(crops[0], words.repeat_interleave(count, dim=0), *crops[1:])
+        return features[..., : self.size, : self.size].unflatten(0, (len(image), count)) / self.size
 
 
 @dataclass(frozen=True)
