@@ -147,8 +147,6 @@ def test_place_queries_turn_with_the_object(name, turns):
     widths = []
     if name in COARSE:
         widths = [whole.semantics.outputs(SMALL[name]), *(part.out_channels for part in whole.inner)]
-        [whole.semantics.outputs(SMALL[name]), *(part.out_channels for part in whole.inner)] if name in COARSE else []
-    )
     pictures = [torch.rand(1, 4, 33, 33)]
     pictures += [torch.rand(1, width, cells, cells) for width, cells in zip(widths, (3, 11, 33), strict=False)]
     words, centre = torch.randn(1, L), torch.tensor([[16, 16]])
