@@ -100,7 +100,7 @@ class TwoStream(nn.Module):
 
 
 def resized(x: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
-    """Features (B, C, h, w) as (B, C, *size): interpolated if that is larger, averaged if it is smaller."""
+    """Features (B, C, h, w) at another ``size`` (H, W): interpolated if that is larger, averaged if it is smaller."""
     if x.shape[-2] > size[0]:
         return F.adaptive_avg_pool2d(x, size)
     return F.interpolate(x, size, mode="bilinear", align_corners=False) if x.shape[-2] < size[0] else x
