@@ -167,8 +167,7 @@ Cell = tuple[list[int], int, int]
 def cross_entropy(logits: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:
     """Mean cross-entropy of logits (B, R, H, W); each label is a pixel and its equally right angle bins.
 
-    Logits far below the highest one are raised in the sum, as in `steerable.loss`: without that, a step of a trained
-    policy takes up to twice as long.
+    Logits far below the highest one are raised in the sum, for the reason that `steerable.loss.LOWEST` names.
     """
     pairs = zip(logits, cells, strict=True)
     right_logits = torch.stack([scores[bins, row, col].mean() for scores, (bins, row, col) in pairs])
