@@ -1,6 +1,7 @@
 """The plan of the benchmark: its cells, the names of their files, and what Snakemake would do."""
 
 import dataclasses
+import itertools
 import json
 import subprocess
 import sys
@@ -135,6 +136,19 @@ def test_the_plan_skips_what_the_experts_rows_say(plan):
         assert plan.skipped.get(cell.task, ()) == unsolved
         allowed = 0.1 if tasks.family(cell.task) in ("align-rope", "separating-piles") else 0.05
         assert len(unsolved) <= allowed * cell.episodes
+
+
+def test_a_stored_row_belongs_to_its_cell(plan):
+    cells = [*plan.search(), *itertools.chain(*(plan.tier(name) for name in CONTENT["tiers"]))]
+    rows = {cell: cell.row() for cell in cells if cell.training and cell.file.exists()}
+    assert rows
+    for cell, row in rows.items():
+        config = cell.training.config
+        assert (row["method"], row["task"], row["split"]) == (cell.method, cell.task, cell.split)
+        assert (row["demos"], row["seed"]) == (cell.training.demos, cell.training.seed)
+        assert (row["steps"], row["learning_rate"]) == (config.steps, config.learning_rate)
+        assert row["config_hash"] == config.digest and row["skipped"] == list(cell.skipped)
+        assert row["clip_fingerprint"] == cell.training.clip_fingerprint and row["episodes"] == cell.episodes
 
 
 def test_an_episode_below_the_whole_reward_is_not_solved(tmp_path, monkeypatch):

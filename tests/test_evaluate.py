@@ -123,6 +123,7 @@ def test_rows_hold_the_card_of_their_policy(command, tmp_path):
     for name in ("demos", "seed", "train_seconds", "data_sha256", "demonstrations_world"):
         assert row[name] == card[name] is not None
     assert (row["steps"], row["config"]) == (card["config"]["steps"], "lite")
+    assert row["learning_rate"] == card["config"]["learning_rate"] > 0
     assert row["config_hash"] == dataclasses.replace(LITE, locations=False).digest
     assert row["clip_fingerprint"] == card["clip"]["fingerprint"]
     assert row["checkpoint_sha256"] == card["sha256"]
@@ -135,7 +136,8 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
     rows = {row["method"]: row for row in results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")}
     assert rows["expert"]["config_hash"] is None
     assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == evaluate.LITE.digest
-    assert all(row["steps"] is row["clip_fingerprint"] is row["seed"] is None for row in rows.values())
+    empty = ("steps", "learning_rate", "clip_fingerprint", "seed")
+    assert all(row[name] is None for row in rows.values() for name in empty)
 
 
 def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):

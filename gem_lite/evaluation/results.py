@@ -76,6 +76,7 @@ def facts_of(card: dict | None, settings: Config | None) -> dict:
     return {
         **{name: entries.get(name) for name in CARD_ENTRIES},
         "steps": settings.steps if settings and card else None,
+        "learning_rate": settings.learning_rate if settings and card else None,
         "config": settings.name if settings else None,
         "config_hash": settings.digest if settings else None,
         "clip": model.get("name"),
