@@ -122,6 +122,33 @@ def test_the_best_trial_has_the_best_mean_over_the_tasks(plan, tmp_path, monkeyp
     assert chosen(cells, "gem") == {"steps": 2000, "learning_rate": 0.001}
 
 
+def test_the_plan_has_the_settings_that_the_search_chose():
+    cells = Plan(CONTENT, str(clip.DATA / "clip-benchmark")).search()
+    for method in CONTENT["search"]["methods"]:
+        if all(cell.row() for cell in cells if cell.method == method):
+            assert CONTENT["settings"][method] == chosen(cells, method)
+        else:
+            assert method not in CONTENT["settings"], "chosen before its search is complete"
+
+
+def test_what_the_rows_decide_is_printed(plan, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(benchmark, "ROWS", tmp_path)
+    command = ["results", "settings", str(WORKFLOW / "benchmark.yaml")]
+    assert main(command) == 2
+    assert "is not measured yet" in capsys.readouterr().err
+    for cell in plan.search():
+        file_row(cell, cell.training.steps / 100)
+    experts = [cell for cell in plan.tier("experts") if cell.method == "expert"]
+    for cell in experts:
+        rewards = {str(index): float(index != 3 or cell.task != BOWL) for index in range(cell.episodes)}
+        cell.file.parent.mkdir(parents=True, exist_ok=True)
+        cell.file.write_text(json.dumps(row_of(cell, rewards=rewards)) + "\n")
+    assert main(command) == 0
+    printed = yaml.safe_load(capsys.readouterr().out)
+    assert printed["settings"]["gem"] == {"steps": 2000, "learning_rate": 0.001}
+    assert printed["skipped"] == {BOWL: [3]}
+
+
 def test_what_the_expert_does_not_solve_is_left_out_for_all_others():
     plan = Plan({**CONTENT, "skipped": {BOWL: [4, 7]}})
     cells = [cell for name in ("experts", "must") for cell in plan.tier(name) if cell.task == BOWL]

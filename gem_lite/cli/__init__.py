@@ -29,6 +29,7 @@ COMMANDS = {
     "results show": ("results", "Show", "the rows of a file of results"),
     "results gallery": ("results", "Gallery", "draw the first and the last picture of every task of the benchmark"),
     "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
+    "results settings": ("results", "Settings", "print what the search and the experts' rows decide for the others"),
     "results plan": ("results", "Plan", "the experiments behind the lessons: which are filed, and which are to do"),
     "results run": ("results", "Run", "train and measure all experiments that are to do, and file their results"),
 }
@@ -100,7 +101,7 @@ def read(name: str, words: Sequence[str]) -> Command:
 def overview(group: str = "") -> str:
     """The help of ``gem-lite`` or of a group of its subcommands."""
     prog = f"gem-lite {group}".strip()
-    lines = [f"  {name:16s}{about}" for name, (_, _, about) in COMMANDS.items() if name.startswith(group)]
+    lines = [f"  {name:18s}{about}" for name, (_, _, about) in COMMANDS.items() if name.startswith(group)]
     example = next(name for name in COMMANDS if name.startswith(group))
     return "\n".join([
         f"usage: {prog} COMMAND ...", "", *lines, "", "gem-lite COMMAND --help explains a command.",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import yaml
 from tqdm import tqdm
 from typing_extensions import override
 from tyro.conf import Positional
@@ -113,6 +114,29 @@ class Tables(Command):
         write_atomically(self.folder / f"{name}.md", plot_benchmark.markdown(table, names).encode())
         plot_benchmark.show_table(table, names).savefig(self.folder / f"{name}.png", dpi=110)
         print(f"wrote {name}.md and {name}.png into {self.folder}, from {len(rows)} rows")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Command):
+    """Print what the rows of the search and of the experts decide: the entries settings and skipped of a plan."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results settings workflow/benchmark.yaml",)
+    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, LookupError, yaml.YAMLError)
+
+    plan: Positional[Path]
+    """file of the plan"""
+    clip: str | None = None
+    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
+
+    @override
+    def run(self) -> None:
+        content = yaml.safe_load(self.plan.read_text())
+        plan = benchmark.Plan(content, self.clip)
+        settings = {name: benchmark.chosen(plan.search(), name) for name in content["search"]["methods"]}
+        experts = [cell for cell in plan.tier("experts") if cell.method == "expert"]
+        unsolved = {cell.task: list(benchmark.unsolved(cell)) for cell in experts}
+        skipped = {task: indices for task, indices in unsolved.items() if indices}
+        print(yaml.safe_dump({"settings": settings, "skipped": skipped}, default_flow_style=None, sort_keys=False))
 
 
 @dataclass(frozen=True, kw_only=True)
