@@ -16,7 +16,7 @@ from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
 from gem_lite.figures import plot_benchmark
 from gem_lite.policies import methods
-from gem_lite.policies.gem_config import ABLATIONS, LITE
+from gem_lite.policies.gem_config import ABLATIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKFLOW = ROOT / "workflow"
@@ -70,7 +70,7 @@ def test_two_variants_of_colours_share_a_training_and_two_of_objects_do_not(plan
 def test_a_policy_for_all_tasks_has_as_many_steps_for_each(plan):
     (training,) = {cell.training for cell in plan.tier("must") if cell.method == "gem-multi"}
     assert training.tasks == plan.several
-    assert training.config.steps == LITE.steps * 10
+    assert training.config.steps == CONTENT["settings"]["gem"]["steps"] * 10
 
 
 def test_a_longer_task_is_longer_for_every_method_and_not_for_the_policy_of_all_tasks(plan):
@@ -195,7 +195,7 @@ def test_every_ablation_is_measured_somewhere(plan):
     measured = {ending for cell in cells for ending in methods.split(cell.method)[1]}
     assert set(ABLATIONS) <= measured, "none of the library's variants is left out"
     short = {cell.training.config.steps for cell in plan.tier("lessons") if cell.training and cell.training.demos == 1}
-    assert short == {300, LITE.steps}
+    assert short == {300, CONTENT["settings"]["gem"]["steps"]}
 
 
 def test_a_wrong_plan_is_refused():
