@@ -188,6 +188,25 @@ def test_every_block_of_the_named_colours_must_be_packed(blind):
     assert task.instruction == goal.sentence
 
 
+def test_an_object_that_leans_out_of_the_box_is_moved_to_the_freest_spot_in_it(blind):
+    task = lay_out(blind, SEQUENCE)
+    goal = task.goals[0]
+    (body,), (box,) = goal.bodies, goal.targets
+    middle = blind.pose(box)[0]
+    first = task.expert(blind).action
+    assert (first.place.x, first.place.y) == pytest.approx((middle.x, middle.y), abs=1e-6)
+    # Half of it lies over the wall, and another body lies in the middle of the left half.
+    other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
+    for moved, x in ((body, goal.metric.size[0] / 2), (other, -goal.metric.size[0] / 4)):
+        spot = middle @ Pose2(x, 0.0)
+        p.resetBasePositionAndOrientation(moved.id, (spot.x, spot.y, 0.05), (0, 0, 0, 1), physicsClientId=blind.client)
+    assert 0 < goal.metric.share(blind, body, box) < 1
+    again = task.expert(blind).action
+    offset = middle.inverse() @ again.place
+    assert offset.x > 0 and abs(offset.x) < goal.metric.size[0] / 2 and abs(offset.y) < goal.metric.size[1] / 2
+    assert again.pick != first.pick and again.place.yaw == pytest.approx(again.pick.yaw)
+
+
 @pytest.mark.parametrize(("offset", "share"), [(0.0, 1.0), (0.065, 0.5), (0.2, 0.0)])
 def test_the_volume_metric_gives_the_share_inside(blind, stage, offset, share):
     def build(client):

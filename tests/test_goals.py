@@ -1,5 +1,6 @@
 """Goals: when a body is where it belongs, and the task that follows from goals alone."""
 
+import dataclasses
 import math
 from functools import partial
 
@@ -145,6 +146,32 @@ def test_sentence_score_expert_and_placed_follow_from_goals(blind):
     last = blind.step(task.expert(blind).action)
     assert (last.reward, last.done, task.instruction) == (0.75, True, "park block 1")
     assert task.expert(blind) is None and task.placed(blind) == {first.id, second.id}
+
+
+@dataclasses.dataclass(frozen=True)
+class AlmostThere:
+    """A metric that gives every body the same share."""
+
+    value: float
+    symmetry: float = 0.0
+
+    def share(self, environment, body, target):
+        return self.value
+
+
+@pytest.mark.parametrize(("weight", "share", "reached"), [(1.0, 0.97, False), (1.0, 0.991, True), (0.2, 0.97, True)])
+def test_a_goal_is_reached_if_less_than_a_hundredth_of_the_task_is_missing(blind, weight, share, reached):
+    class Almost(Parking):
+        def lay_out(self, environment, rng, seed):
+            first, second = super().lay_out(environment, rng, seed)
+            first = dataclasses.replace(first, metric=AlmostThere(share), share=weight)
+            return [first, dataclasses.replace(second, share=1 - weight)]
+
+    task = Almost()
+    blind.reset(task, 0)
+    task.advance(blind)
+    assert task.instruction == ("park block 1" if reached else "park block 0")
+    assert task.score(blind) == pytest.approx(weight if reached else weight * share)
 
 
 def test_a_task_laid_out_again_begins_anew(blind):

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Split = Literal["train", "val", "test"]
 SOLVED = 0.99
 """An episode is solved if its score is above this."""
+NEARLY = 0.01
+"""A goal is reached if less than this share of the whole task is missing from it: CLIPort's rule."""
 
 
 class Task(ABC):
@@ -126,6 +128,9 @@ class Task(ABC):
     def _reached_now(self, environment: Environment) -> int:
         """The number of reached goals, in their order: counting ends at the first goal that is not reached."""
         reached = self._reached
-        while reached < len(self.goals) and self.goals[reached].done(environment) == 1.0:
+        whole = sum(goal.share for goal in self.goals)
+        for goal in self.goals[reached:]:
+            if goal.share * (1.0 - goal.done(environment)) >= NEARLY * whole:
+                break
             reached += 1
         return reached

@@ -7,11 +7,14 @@ can be found beside the paper's.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from typing_extensions import override
 
 from gem_lite import colors
+from gem_lite.actions import ExpertAction
+from gem_lite.se2 import Pose2
 from gem_lite.simulation import objects
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, VolumeMetric
@@ -77,6 +80,34 @@ class PackingObjects(Task):
                 extents[body.id] = objects.extents(name, variant)
         environment.wait(TOPPLING)
         return bodies, extents
+
+    @override
+    def expert(self, environment: Environment) -> ExpertAction | None:
+        """The next action. An object that lies in the box, but leans out of it, is moved to the freest spot there."""
+        expert = super().expert(environment)
+        if expert is None:
+            return None
+        goal = self.goals[self._reached_now(environment)]
+        body, box = goal.next_move(environment)
+        if goal.metric.share(environment, body, box) == 0:
+            return expert
+        spot = freest_spot(environment, goal.metric, body)
+        place, table = environment.on_table(Pose2(spot.x, spot.y, expert.action.place.yaw))
+        return replace(expert, action=replace(expert.action, place=place, place_table=table))
+
+
+def freest_spot(environment: Environment, box: VolumeMetric, body: Body) -> Pose2:
+    """The pose in the world, on the floor of a box, that is farthest from its walls and from the other bodies in it."""
+    frame = environment.pose(box.zone)[0]
+    half = np.array(box.size) / 2
+    spots = np.stack(np.meshgrid(*(np.linspace(-side, side, 21) for side in half)), axis=-1).reshape(-1, 2)
+    clearance = (half - np.abs(spots)).min(axis=1)
+    for other in environment.bodies:
+        if other.id not in (box.zone.id, body.id):
+            offset = frame.inverse() @ environment.pose(other)[0]
+            clearance = np.minimum(clearance, np.hypot(*(spots - (offset.x, offset.y)).T))
+    x, y = spots[clearance.argmax()]
+    return frame @ Pose2(float(x), float(y))
 
 
 def into(box: Body, sides: tuple[float, float], extents: dict[int, tuple[float, float, float]]) -> VolumeMetric:
