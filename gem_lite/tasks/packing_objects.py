@@ -96,18 +96,18 @@ class PackingObjects(Task):
         return replace(expert, action=replace(expert.action, place=place, place_table=table))
 
 
-def freest_spot(environment: Environment, box: VolumeMetric, body: Body) -> Pose2:
-    """The pose in the world, on the floor of a box, that is farthest from its walls and from the other bodies in it."""
-    frame = environment.pose(box.zone)[0]
-    half = np.array(box.size) / 2
+def freest_spot(environment: Environment, metric: VolumeMetric, body: Body) -> Pose2:
+    """The pose in the world, in the metric's zone, that is farthest from the zone's walls and from all other bodies."""
+    zone = environment.pose(metric.zone)[0]
+    half = np.array(metric.size) / 2
     spots = np.stack(np.meshgrid(*(np.linspace(-side, side, 21) for side in half)), axis=-1).reshape(-1, 2)
     clearance = (half - np.abs(spots)).min(axis=1)
     for other in environment.bodies:
-        if other.id not in (box.zone.id, body.id):
-            offset = frame.inverse() @ environment.pose(other)[0]
+        if other.id not in (metric.zone.id, body.id):
+            offset = zone.inverse() @ environment.pose(other)[0]
             clearance = np.minimum(clearance, np.hypot(*(spots - (offset.x, offset.y)).T))
     x, y = spots[clearance.argmax()]
-    return frame @ Pose2(float(x), float(y))
+    return zone @ Pose2(float(x), float(y))
 
 
 def into(box: Body, sides: tuple[float, float], extents: dict[int, tuple[float, float, float]]) -> VolumeMetric:
