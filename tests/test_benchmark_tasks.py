@@ -1,6 +1,7 @@
 """CLIPort's families beside those of test_tasks.py: layouts, sentences, scores and experts."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import gallery
 from gem_lite.evaluation.benchmark import VARIANTS
 from gem_lite.figures import plot_gallery
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands
 from gem_lite.simulation.goals import VolumeMetric
 from gem_lite.tasks import assembling_kits, packing_box_pairs, packing_objects, spawn
@@ -188,23 +189,23 @@ def test_every_block_of_the_named_colours_must_be_packed(blind):
     assert task.instruction == goal.sentence
 
 
-def test_an_object_that_leans_out_of_the_box_is_moved_to_the_freest_spot_in_it(blind):
+def test_an_object_goes_to_the_pose_with_the_most_space_in_the_box(blind):
     task = lay_out(blind, SEQUENCE)
     goal = task.goals[0]
     (body,), (box,) = goal.bodies, goal.targets
     middle = blind.pose(box)[0]
     first = task.expert(blind).action
     assert (first.place.x, first.place.y) == pytest.approx((middle.x, middle.y), abs=1e-6)
-    # Half of it lies over the wall, and another body lies in the middle of the left half.
+    # A small object in the left half, then one that covers the whole right half: there is more space on the other side.
     other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
-    for moved, x in ((body, goal.metric.size[0] / 2), (other, -goal.metric.size[0] / 4)):
+    x_max, y_max = np.array(goal.metric.size) / 2
+    for x, extents, side in ((-x_max / 2, (0.02, 0.02, 0.02), 1), (x_max / 2, (x_max, 2 * y_max, 0.02), -1)):
         spot = middle @ Pose2(x, 0.0)
-        p.resetBasePositionAndOrientation(moved.id, (spot.x, spot.y, 0.05), (0, 0, 0, 1), physicsClientId=blind.client)
-    assert 0 < goal.metric.share(blind, body, box) < 1
-    again = task.expert(blind).action
-    offset = middle.inverse() @ again.place
-    assert offset.x > 0 and abs(offset.x) < goal.metric.size[0] / 2 and abs(offset.y) < goal.metric.size[1] / 2
-    assert again.pick != first.pick and again.place.yaw == pytest.approx(again.pick.yaw)
+        turn = quaternion(middle.yaw)
+        p.resetBasePositionAndOrientation(other.id, (spot.x, spot.y, 0.05), turn, physicsClientId=blind.client)
+        metric = replace(goal.metric, extents={**goal.metric.extents, other.id: extents})
+        offset = middle.inverse() @ packing_objects.freest_pose(blind, metric, body)
+        assert 0.01 < side * offset.x < x_max and abs(offset.y) < y_max
 
 
 @pytest.mark.parametrize(("offset", "share"), [(0.0, 1.0), (0.065, 0.5), (0.2, 0.0)])

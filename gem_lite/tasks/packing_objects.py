@@ -6,15 +6,20 @@ can be found beside the paper's.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
+import shapely
+from shapely import affinity
+from shapely.geometry import MultiPoint, Polygon
 from typing_extensions import override
 
 from gem_lite import colors
 from gem_lite.actions import ExpertAction
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation import objects
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, VolumeMetric
@@ -38,6 +43,8 @@ TOPPLING = 2.0
 """Seconds before the first picture, in which bodies that cannot stand fall over."""
 ABOVE = 0.325
 """A point of an object counts as packed below this height (m): CLIPort's 0.30 m above the box's middle."""
+YAWS = 12
+"""So many yaws are tried for an object that is moved inside the box."""
 VARIANTS = (1000, 1100)
 """The range of the objects' variants. CLIP was not trained on their proportions, see `objects.TRAINING_VARIANTS`."""
 
@@ -83,31 +90,48 @@ class PackingObjects(Task):
 
     @override
     def expert(self, environment: Environment) -> ExpertAction | None:
-        """The next action. An object that lies in the box, but leans out of it, is moved to the freest spot there."""
+        """The next action: the object goes to the freest pose in the box."""
         expert = super().expert(environment)
         if expert is None:
             return None
         goal = self.goals[self._reached_now(environment)]
-        body, box = goal.next_move(environment)
-        if goal.metric.share(environment, body, box) == 0:
-            return expert
-        spot = freest_spot(environment, goal.metric, body)
-        place, table = environment.on_table(Pose2(spot.x, spot.y, expert.action.place.yaw))
+        body, _ = goal.next_move(environment)
+        place, table = environment.on_table(freest_pose(environment, goal.metric, body))
         return replace(expert, action=replace(expert.action, place=place, place_table=table))
 
 
-def freest_spot(environment: Environment, metric: VolumeMetric, body: Body) -> Pose2:
-    """The pose in the world, in the metric's zone, that is farthest from the zone's walls and from all other bodies."""
+def freest_pose(environment: Environment, metric: VolumeMetric, body: Body) -> Pose2:
+    """The pose of a body in the world, in the metric's zone, with the most space round its footprint.
+
+    If the body fits nowhere between the walls and the other objects, the pose at which it overlaps them least.
+    """
     zone = environment.pose(metric.zone)[0]
-    half = np.array(metric.size) / 2
-    spots = np.stack(np.meshgrid(*(np.linspace(-side, side, 21) for side in half)), axis=-1).reshape(-1, 2)
-    clearance = (half - np.abs(spots)).min(axis=1)
-    for other in environment.bodies:
-        if other.id not in (metric.zone.id, body.id):
-            offset = zone.inverse() @ environment.pose(other)[0]
-            clearance = np.minimum(clearance, np.hypot(*(spots - (offset.x, offset.y)).T))
-    x, y = spots[clearance.argmax()]
-    return zone @ Pose2(float(x), float(y))
+    x_max, y_max = np.array(metric.size) / 2
+    others = [other for other in environment.bodies if other.id in metric.extents and other.id != body.id]
+    covered = [moved(footprint(environment, metric, other), zone.inverse()) for other in others]
+    free = shapely.difference(shapely.box(-x_max, -y_max, x_max, y_max), shapely.union_all(covered))
+
+    x, y, yaw = np.meshgrid(np.linspace(-x_max, x_max, 21), np.linspace(-y_max, y_max, 21), angle_bins(YAWS))
+    poses = [Pose2(*map(float, pose)) for pose in zip(x.flat, y.flat, yaw.flat, strict=True)]
+    outline = moved(footprint(environment, metric, body), environment.pose(body)[0].inverse())
+    outlines = [moved(outline, pose) for pose in poses]
+    overlap = shapely.area(shapely.difference(outlines, free))
+    space = shapely.distance(outlines, free.boundary)
+    return zone @ poses[np.where(overlap > 0, -overlap, space).argmax()]
+
+
+def footprint(environment: Environment, metric: VolumeMetric, body: Body) -> Polygon:
+    """The outline of a body's bounding box in the world (m), seen from above."""
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * metric.extents[body.id]
+    position, turn = environment.placement(body)
+    return MultiPoint((corners @ turn.T + position)[:, :2]).convex_hull
+
+
+def moved(outline: Polygon, pose: Pose2) -> Polygon:
+    """The outline in the frame in which ``pose`` is the pose of the outline's own frame."""
+    cosine = math.cos(pose.yaw)
+    sine = math.sin(pose.yaw)
+    return affinity.affine_transform(outline, [cosine, -sine, sine, cosine, pose.x, pose.y])
 
 
 def into(box: Body, sides: tuple[float, float], extents: dict[int, tuple[float, float, float]]) -> VolumeMetric:
