@@ -36,6 +36,12 @@ def play(world, task):
     return sentences, actions
 
 
+def put(world, body, pose):
+    """Put a body at a pose, just above the table."""
+    place = (pose.x, pose.y, 0.05), quaternion(pose.yaw)
+    p.resetBasePositionAndOrientation(body.id, *place, physicsClientId=world.client)
+
+
 # All families --------------------------------------------------------------------------------------------
 
 
@@ -189,23 +195,43 @@ def test_every_block_of_the_named_colours_must_be_packed(blind):
     assert task.instruction == goal.sentence
 
 
-def test_an_object_goes_to_the_pose_with_the_most_space_in_the_box(blind):
+def test_an_object_that_leans_out_of_the_box_is_moved_to_the_freest_pose_in_it(blind):
     task = lay_out(blind, SEQUENCE)
     goal = task.goals[0]
     (body,), (box,) = goal.bodies, goal.targets
     middle = blind.pose(box)[0]
     first = task.expert(blind).action
     assert (first.place.x, first.place.y) == pytest.approx((middle.x, middle.y), abs=1e-6)
-    # A small object in the left half, then one that covers the whole right half: there is more space on the other side.
-    other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
+    # Half of it lies over the wall, and another body lies in the left half.
     x_max, y_max = np.array(goal.metric.size) / 2
-    for x, extents, side in ((-x_max / 2, (0.02, 0.02, 0.02), 1), (x_max / 2, (x_max, 2 * y_max, 0.02), -1)):
-        spot = middle @ Pose2(x, 0.0)
-        turn = quaternion(middle.yaw)
-        p.resetBasePositionAndOrientation(other.id, (spot.x, spot.y, 0.05), turn, physicsClientId=blind.client)
-        metric = replace(goal.metric, extents={**goal.metric.extents, other.id: extents})
-        offset = middle.inverse() @ packing_objects.freest_pose(blind, metric, body)
-        assert 0.01 < side * offset.x < x_max and abs(offset.y) < y_max
+    other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
+    put(blind, body, middle @ Pose2(x_max, 0.0))
+    put(blind, other, middle @ Pose2(-x_max / 2, 0.0))
+    assert 0 < goal.metric.share(blind, body, box) < 1
+    again = task.expert(blind).action
+    offset = middle.inverse() @ again.place
+    assert again.pick != first.pick
+    assert 0.01 < offset.x < x_max and abs(offset.y) < y_max
+
+
+def test_the_freest_pose_is_clear_of_other_objects(blind):
+    task = lay_out(blind, SEQUENCE)
+    goal = task.goals[0]
+    (body,), (box,) = goal.bodies, goal.targets
+    middle = blind.pose(box)[0]
+    x_max, y_max = np.array(goal.metric.size) / 2
+    other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
+    long = {body.id: (0.12, 0.02, 0.02), other.id: (x_max, 2 * y_max, 0.02)}
+    metric = replace(goal.metric, extents=long)
+    # The other object fills the right half; a long one has the most space along the left half.
+    put(blind, other, middle @ Pose2(x_max / 2, 0.0))
+    offset = middle.inverse() @ packing_objects.freest_pose(blind, metric, body, packing_objects.SPOTS)
+    assert -0.75 * x_max < offset.x < -0.25 * x_max
+    assert abs(math.cos(offset.yaw)) < 0.6
+    # In the middle, only the yaw is free.
+    offset = middle.inverse() @ packing_objects.freest_pose(blind, metric, body, 1)
+    assert (offset.x, offset.y) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert abs(math.cos(offset.yaw)) < 0.6
 
 
 @pytest.mark.parametrize(("offset", "share"), [(0.0, 1.0), (0.065, 0.5), (0.2, 0.0)])
