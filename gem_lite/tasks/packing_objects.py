@@ -108,6 +108,9 @@ def freest_pose(environment: Environment, metric: VolumeMetric, body: Body, spot
     """The pose of a body in the world, in the metric's zone, with the most space round its footprint.
 
     The footprint stays between the walls if it can, and then clear of the other objects' footprints if it can.
+
+    Args:
+        spots: how many places are tried along each side of the zone; with one, only the middle. `YAWS` yaws at each.
     """
     zone = environment.pose(metric.zone)[0]
     x_max, y_max = np.array(metric.size) / 2
@@ -115,7 +118,7 @@ def freest_pose(environment: Environment, metric: VolumeMetric, body: Body, spot
     covered = shapely.union_all([moved(footprint(environment, metric, other), zone.inverse()) for other in others])
     floor = shapely.box(-x_max, -y_max, x_max, y_max)
 
-    steps = (2 * np.arange(spots) + 1) / spots - 1
+    steps = (2 * np.arange(spots) + 1) / spots - 1  # the middles of equal parts of -1 to 1
     x, y, yaw = np.meshgrid(x_max * steps, y_max * steps, angle_bins(YAWS))
     poses = [Pose2(*map(float, pose)) for pose in zip(x.flat, y.flat, yaw.flat, strict=True)]
     outline = moved(footprint(environment, metric, body), environment.pose(body)[0].inverse())
