@@ -1,10 +1,11 @@
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gem_lite import clip, colors, tasks
-from gem_lite.actions import PickPlace
+from gem_lite.actions import PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.evaluation import evaluate, results, workers
 from gem_lite.evaluation.results import Episode
@@ -226,3 +227,17 @@ def test_episodes_come_in_chunks():
     assert [list(part) for part in workers.chunks(3, 7)] == [[3, 4, 5, 6, 7], [8, 9]]
     with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
         workers.chunks(0, 0)
+
+
+@pytest.mark.parametrize(("rewards", "total"), [((0.1, 0.2, -0.3), 0.0), ((0.7, 0.1, 0.2), 1.0), ((0.5, -0.25), 0.25)])
+def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, rewards, total):
+    left = list(rewards)
+    end = SimpleNamespace(observations=(), grasped=True)
+    world = SimpleNamespace(reset=lambda *_: (), steps_taken=len(rewards))
+    world.step = lambda *_, **__: SimpleNamespace(**vars(end), reward=left.pop(0), done=not left)
+    monkeypatch.setattr(tasks, "make", lambda *_: SimpleNamespace(placed=lambda _: set(), subsets=tuple))
+    push = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
+    episode = evaluate.run_episode(world, lambda *_: push, TASK, "test", 0)
+    assert 0.0 <= episode.reward <= 1.0
+    assert episode.reward == pytest.approx(total)
+    results.reward_entries({0: episode.reward})

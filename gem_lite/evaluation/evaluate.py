@@ -61,7 +61,8 @@ def run_episode(
         observations = step.observations
         total += step.reward
         done = step.done
-    return Episode(index, total, environment.steps_taken, task.subsets(), placed_decisions, retaken)
+    reward = min(max(total, 0.0), 1.0)  # gains and losses may add up to -1e-16
+    return Episode(index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken)
 
 
 def expert(environment: Environment, _: Observations = (), __: Sequence[Pose2] = ()) -> Action | None:
