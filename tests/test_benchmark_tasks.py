@@ -221,8 +221,8 @@ def test_the_freest_pose_is_clear_of_other_objects(blind):
     middle = blind.pose(box)[0]
     x_max, y_max = np.array(goal.metric.size) / 2
     other = next(other for other in blind.bodies if other.id not in (body.id, box.id))
-    long = {body.id: (0.12, 0.02, 0.02), other.id: (x_max, 2 * y_max, 0.02)}
-    metric = replace(goal.metric, extents=long)
+    extents = {body.id: (0.12, 0.02, 0.02), other.id: (x_max, 2 * y_max, 0.02)}
+    metric = replace(goal.metric, extents=extents)
     # The other object fills the right half; a long one has the most space along the left half.
     put(blind, other, middle @ Pose2(x_max / 2, 0.0))
     offset = middle.inverse() @ packing_objects.freest_pose(blind, metric, body, packing_objects.SPOTS)

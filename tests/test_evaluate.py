@@ -231,10 +231,12 @@ def test_episodes_come_in_chunks():
 
 @pytest.mark.parametrize(("rewards", "total"), [((0.1, 0.2, -0.3), 0.0), ((0.7, 0.1, 0.2), 1.0), ((0.5, -0.25), 0.25)])
 def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, rewards, total):
-    left = list(rewards)
-    end = SimpleNamespace(observations=(), grasped=True)
-    world = SimpleNamespace(reset=lambda *_: (), steps_taken=len(rewards))
-    world.step = lambda *_, **__: SimpleNamespace(**vars(end), reward=left.pop(0), done=not left)
+    last = len(rewards) - 1
+    steps = [
+        SimpleNamespace(observations=(), grasped=True, reward=reward, done=number == last)
+        for number, reward in enumerate(rewards)
+    ]
+    world = SimpleNamespace(reset=lambda *_: (), steps_taken=len(rewards), step=lambda *_, **__: steps.pop(0))
     monkeypatch.setattr(tasks, "make", lambda *_: SimpleNamespace(placed=lambda _: set(), subsets=tuple))
     push = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
     episode = evaluate.run_episode(world, lambda *_: push, TASK, "test", 0)
