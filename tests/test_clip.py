@@ -21,20 +21,10 @@ from gem_lite.learning import calibrating
 from gem_lite.maps import patches, semantic_map
 from gem_lite.se2 import Workspace
 
-BENCHMARK_CLIP = clip.DATA / "clip-benchmark"
-"""The CLIP that knows the words of all tasks."""
-
 
 @pytest.fixture(scope="module")
 def model():
     return clip.load()
-
-
-@pytest.fixture(scope="module")
-def benchmark_model():
-    if not BENCHMARK_CLIP.exists():
-        pytest.skip("the CLIP of the benchmark is not trained yet: gem-lite clip pretrain --out data/clip-benchmark")
-    return clip.load(BENCHMARK_CLIP)
 
 
 def test_embeddings_are_unit_length_and_deterministic(model):
@@ -62,20 +52,20 @@ def test_every_word_of_a_phrase_counts(model):
     assert a @ color < 0.9
 
 
-def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(benchmark_model):
+def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
     lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
     said = set(" ".join([*itertools.chain(*lists), *vocabulary.NOUNS_WITHOUT_PICTURES, *vocabulary.TABLE]).split())
     synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
-    assert all(clip_card.unread_words(benchmark_model, synonyms, COLOR_NAMES, "{} block")), (
+    assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), (
         "a word of its captions is understood"
     )
-    card = (BENCHMARK_CLIP / "README.md").read_text()
+    card = (clip.EMBEDDED / "README.md").read_text()
     for words, plain, template in (
         (clip_card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
         (clip_card.UNREAD_NOUNS, NOUN_NAMES, "a {}"),
     ):
         assert not said & set(itertools.chain(*words.values()))
-        right = clip_card.unread_words(benchmark_model, words, plain, template)
+        right = clip_card.unread_words(model, words, plain, template)
         assert sum(right) <= 0.2 * len(right)
         assert f"{sum(right)} of {len(right)} words for its" in card
 
@@ -102,24 +92,24 @@ def test_any_text_is_accepted(model):
     assert torch.isfinite(model.embed_texts(["Zürich 東京 🤖 zzyzx"])).all()
 
 
-def test_zero_shot_on_fresh_renders(benchmark_model):
+def test_zero_shot_on_fresh_renders(model):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
     crops = clip_crops.render_crops(10, seed=77, kind="test")
-    found = clip_card.accuracy(benchmark_model, crops.select(crops.whole))
+    found = clip_card.accuracy(model, crops.select(crops.whole))
     assert found["crops"] > 250
     assert found["color"] >= 98
     assert found["shape"] >= 92  # of 230: chance is 0.4
     assert found["both"] >= 90
-    reworded = clip_card.accuracy(benchmark_model, crops.select(crops.whole), synonyms=True)
+    reworded = clip_card.accuracy(model, crops.select(crops.whole), synonyms=True)
     assert all(reworded[key] >= found[key] - 5 for key in ("color", "shape", "both"))
-    assert clip_card.part_accuracy(benchmark_model, crops)["own"] >= 90
+    assert clip_card.part_accuracy(model, crops)["own"] >= 90
 
 
-def test_pairs_never_shown_are_composed(benchmark_model):
+def test_pairs_never_shown_are_composed(model):
     crops = clip_crops.render_crops(8, seed=78, kind="held-out")
     held = clip_card._held_out(crops.select(crops.whole))
     assert len(held) > 100
-    assert clip_card.accuracy(benchmark_model, held)["both"] >= 85
+    assert clip_card.accuracy(model, held)["both"] >= 85
 
 
 def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
@@ -146,12 +136,12 @@ def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, m
     assert clip_crops.rendered_crops(tmp_path, 1, seed=81).images[0] == 3
 
 
-def test_accuracy_counts_what_it_says(benchmark_model):
+def test_accuracy_counts_what_it_says(model):
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
     crops = clip_crops.render_crops(2, seed=79, kind="test")
     crops = crops.select(crops.whole & (crops.shape >= 0))
     crops.color = np.where(crops.color < 0, -1, (crops.color + 1) % len(COLOR_NAMES))
-    found = clip_card.accuracy(benchmark_model, crops)
+    found = clip_card.accuracy(model, crops)
     assert found["color"] < 10
     assert found["both"] < 10
     assert found["shape"] > 80

@@ -9,14 +9,11 @@ from typing import ClassVar
 from typing_extensions import override
 from tyro.conf import Positional
 
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.cli import names
 from gem_lite.cli.command import MeasuringCommand
 from gem_lite.evaluation import evaluate_mobile, results
 from gem_lite.tasks import Split
-
-SORTING = str(clip.DATA / "clip-sorting")
-"""The embedded CLIP that was trained on boxes with symbols."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +41,8 @@ class SeveralTables(MeasuringCommand):
     """also measure with added errors of the poses"""
     world: str = "home"
     """looks of the world, see below"""
-    clip: str = SORTING
-    """Hugging Face name or folder of a CLIP"""
+    clip: str | None = None
+    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
     processes: int | None = None
     """number of episodes that run at once (without it: one per core)"""
 

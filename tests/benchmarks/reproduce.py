@@ -24,8 +24,7 @@ def played_again(row: dict, checkpoint: Path, episodes: int) -> dict[str, float]
     if "tables" in row:
         condition = evaluate_mobile.Condition(row["poses"], row["shift"], row["turn"])
         outcomes = evaluate_mobile.measure(
-            checkpoint, row["task"], episodes, [condition], clip_name=str(clip.DATA / "clip-sorting"),
-            tables=row["tables"], **where,
+            checkpoint, row["task"], episodes, [condition], tables=row["tables"], **where,
         )  # fmt: skip
         return {str(outcome.episode): round(outcome.rewards[0], 4) for outcome in outcomes}
     played = evaluate.evaluate(row["method"], row["task"], episodes, checkpoint=checkpoint, **where)
