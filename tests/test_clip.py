@@ -56,9 +56,7 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(mod
     lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
     said = set(" ".join([*itertools.chain(*lists), *vocabulary.NOUNS_WITHOUT_PICTURES, *vocabulary.TABLE]).split())
     synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
-    assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), (
-        "a word of its captions is understood"
-    )
+    assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
     card = (clip.EMBEDDED / "README.md").read_text()
     for words, plain, template in (
         (clip_card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
