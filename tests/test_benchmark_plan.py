@@ -165,8 +165,7 @@ def test_the_plan_skips_what_the_experts_rows_say(plan):
         assert len(unsolved) <= allowed * cell.episodes
 
 
-def test_a_stored_row_belongs_to_its_cell():
-    plan = Plan(CONTENT, str(clip.DATA / "clip-benchmark"))
+def test_a_stored_row_belongs_to_its_cell(plan):
     cells = [*plan.search(), *itertools.chain(*(plan.tier(name) for name in CONTENT["tiers"]))]
     rows = {cell: cell.row() for cell in cells if cell.training and cell.file.exists()}
     assert rows
