@@ -77,7 +77,7 @@ def test_an_unknown_word_is_named():
         locations.located(table((50, 20, 1.0)), "north", WORKSPACE)
 
 
-def test_the_code_tells_directions_apart_that_the_clip_of_the_benchmark_does_not():
+def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not():
     phrases = [f"{start} to {end}" for start, end in ropes.DIRECTIONS]
     codes = torch.stack([locations.code(phrase) for phrase in phrases])
     embeddings = clip.load().embed_texts(phrases)

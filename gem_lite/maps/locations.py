@@ -4,8 +4,8 @@ A patch does not show where on the table it lies, so CLIP gives all star holes t
 pictures, so a network cannot learn what "left" is. Here the word acts on the semantic map of the unturned table: it
 chooses one of the map's strongest responses and lowers the others. Training then turns the map with the picture.
 
-Other location words belong to a thing, not to the table: "front left tip to back left corner" of a square. The CLIP of
-the benchmark gives such phrases nearly the same embedding. So the networks of every method get the words themselves,
+Other location words belong to a thing, not to the table: "front left tip to back left corner" of a square. The
+embedded CLIP gives such phrases nearly the same embedding. So the networks of every method get the words themselves,
 too: `code`.
 """
 
