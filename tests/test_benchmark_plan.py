@@ -123,7 +123,7 @@ def test_the_best_trial_has_the_best_mean_over_the_tasks(plan, tmp_path, monkeyp
 
 
 def test_the_plan_has_the_settings_that_the_search_chose():
-    cells = Plan(CONTENT, str(clip.DATA / "clip-benchmark")).search()
+    cells = Plan(CONTENT).search()
     for method in CONTENT["search"]["methods"]:
         if all(cell.row() for cell in cells if cell.method == method):
             assert CONTENT["settings"][method] == chosen(cells, method)
