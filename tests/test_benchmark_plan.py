@@ -12,7 +12,7 @@ import yaml
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
-from gem_lite.evaluation import benchmark, results
+from gem_lite.evaluation import benchmark, results, summaries
 from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
 from gem_lite.figures import plot_benchmark
 from gem_lite.policies import methods
@@ -31,7 +31,8 @@ def plan():
 
 def row_of(cell, mean=50.0, **changes):
     facts = {name: None for name in results.IDENTITY} | {"method": cell.method, "task": cell.task, "subset": "all"}
-    facts |= {"split": cell.split, "episodes": cell.episodes, "mean": mean, "ci95": [mean - 5, mean + 5]}
+    facts |= {"split": cell.split, "world": cell.world, "episodes": cell.episodes}
+    facts |= {"mean": mean, "ci95": [mean - 5, mean + 5]}
     if cell.training:
         facts |= {"demos": cell.training.demos, "seed": cell.training.seed, "config": "lite"}
     elif cell.method == "expert-rounded":
@@ -94,7 +95,15 @@ def test_whatever_changes_a_policy_changes_its_name(change):
 
 
 @pytest.mark.parametrize(
-    "change", [{"split": "val"}, {"episodes": 10}, {"preset": "paper"}, {"task": "align-rope"}, {"skipped": (3,)}]
+    "change",
+    [
+        {"split": "val"},
+        {"episodes": 10},
+        {"preset": "paper"},
+        {"task": "align-rope"},
+        {"skipped": (3,)},
+        {"world": "shadows"},
+    ],
 )
 def test_whatever_changes_a_row_changes_its_file(change):
     cell = Cell("expert-rounded", BOWL)
@@ -175,6 +184,7 @@ def test_a_stored_row_belongs_to_its_cell(plan):
         assert (row["demos"], row["seed"]) == (cell.training.demos, cell.training.seed)
         assert (row["steps"], row["learning_rate"]) == (config.steps, config.learning_rate)
         assert row["config_hash"] == config.digest and row["skipped"] == list(cell.skipped)
+        assert row["world"] == cell.world
         assert row["clip_fingerprint"] == cell.training.clip_fingerprint and row["episodes"] == cell.episodes
 
 
@@ -189,12 +199,25 @@ def test_an_episode_below_the_whole_reward_is_not_solved(tmp_path, monkeypatch):
     assert benchmark.unsolved(cell) == (2, 11)
 
 
-def test_every_ablation_is_measured_somewhere(plan):
-    cells = [cell for name in ("must", "lessons") for cell in plan.tier(name) if cell.training]
-    measured = {ending for cell in cells for ending in methods.split(cell.method)[1]}
-    assert set(ABLATIONS) <= measured, "none of the library's variants is left out"
-    short = {cell.training.config.steps for cell in plan.tier("lessons") if cell.training and cell.training.demos == 1}
-    assert short == {300, CONTENT["settings"]["gem"]["steps"]}
+def test_every_variant_of_every_method_is_measured_somewhere(plan):
+    cells = [cell for name in CONTENT["tiers"] for cell in plan.tier(name) if cell.training]
+    measured = {methods.split(cell.method) for cell in cells}
+    assert set(ABLATIONS) <= {ending for _, endings in measured for ending in endings}
+    assert set(methods.METHODS.names()) == {name for name, _ in measured}
+
+
+def test_a_cell_of_another_world_has_another_file_and_no_place_in_a_table(plan):
+    cells = [cell for cell in plan.tier("lessons") if cell.training and "-" not in cell.method]
+    elsewhere = [cell for cell in cells if cell.world != "home"]
+    assert {"white-floor", "shadows", "touching"} <= {cell.world for cell in elsewhere}
+    for cell in elsewhere:
+        at_home = dataclasses.replace(cell, world="home")
+        assert cell.file != at_home.file and cell.world in cell.name and cell.training == at_home.training
+    measured = {"rewards": {"0": 1.0}, "train_cpu_seconds": None}
+    rows = [row_of(cell, **measured) for cell in (elsewhere[0], dataclasses.replace(elsewhere[0], world="home"))]
+    assert summaries.table_rows(rows)["table-1"] == rows[1:]
+    assert summaries.scores(rows[:1], "gem", 10) == {}
+    assert set(summaries.scores(rows, "gem", 10, world=elsewhere[0].world)) == {elsewhere[0].task}
 
 
 def test_a_wrong_plan_is_refused():

@@ -106,10 +106,8 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
         ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
         ("clip card folder", "gem-lite clip card needs --training-crops"),
-        ("results show nothing", "there are no results named 'nothing'; there are: bars-in-box, "),
-        ("results show bars-in-box --method nobody", "has no such row"),
-        ("results plan --only nothing", "no experiment's name holds 'nothing'"),
-        ("results run --only nothing", "no experiment's name holds 'nothing'"),
+        ("results show nothing", "there are no results named 'nothing'; there are: object-sorting, "),
+        ("results show benchmark/bars-in-box --method nobody", "benchmark/bars-in-box has no such row"),
         ("results list --folder nowhere", "nowhere is no folder of results"),
     ],
 )
@@ -160,7 +158,6 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch, capsys):
         ("collect", [TASK, "demos"], "the same command goes on from the episodes in demos"),
         ("train", ["demos", "policy.safetensors"], "the same command goes on from the last state in runs/policy"),
         ("clip pretrain", [], "the same command goes on from the last epoch in runs/pretrain_clip"),
-        ("results run", [], "the same command goes on with what is not filed yet"),
         ("verify", ["demos"], "stopped"),
     ):
         monkeypatch.setattr(kind(name), "run", stopped)
@@ -239,18 +236,15 @@ def test_pointing(at_home, capsys):
     assert capsys.readouterr().out.startswith("shapes, fused: near ")
 
 
-def test_results_of_the_lessons_are_listed_and_shown(capsys):
+def test_stored_results_are_listed_and_shown(capsys):
     assert main(["results", "list"]) == 0
-    assert "put-block-in-bowl: " in capsys.readouterr().out
+    listed = capsys.readouterr().out
+    assert "pointing: " in listed and "benchmark/align-rope: " in listed
     for path in results.RESULTS.glob("*.jsonl"):
         assert main(["results", "show", path.stem]) == 0
         assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
-
-
-def test_the_plan_tells_what_is_filed(capsys):
-    assert main(["results", "plan", "--only", "bars-in-box-10-0"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines and all(line.startswith(("filed  ", "to do  ")) for line in lines)
+    assert main(["results", "show", "benchmark/align-rope", "--method", "expert"]) == 0
+    assert capsys.readouterr().out.startswith("expert on align-rope, in home")
 
 
 def test_calibrate_writes_the_numbers_of_a_clip(tmp_path, monkeypatch, capsys):

@@ -1,17 +1,14 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import ExpertAction
-from gem_lite.evaluation import evaluate, evaluate_mobile, experiments, failures, pointing, results, statistics
-from gem_lite.evaluation.experiments import PLAN, Experiment
+from gem_lite.evaluation import evaluate, evaluate_mobile, failures, pointing, results, statistics
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
-from gem_lite.policies import methods
 from gem_lite.policies.base import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
@@ -34,6 +31,12 @@ def file(*rows):
     results.file_rows(rows, results.results_file(rows[0]["task"]))
 
 
+def score(**required):
+    """The stored rows of GEM on `TASK` with these entries, as one score."""
+    rows = results.read_rows(results.results_file(TASK))
+    return results.pool(results.select(rows, {"method": "gem", "task": TASK} | required, ("demos", "steps", "world")))
+
+
 @pytest.fixture
 def stored(tmp_path, monkeypatch):
     """Three training seeds of 40 episodes each, as rows in a folder of their own."""
@@ -46,41 +49,36 @@ def stored(tmp_path, monkeypatch):
 
 
 def test_a_cell_pools_the_training_seeds(stored):
-    found = results.score("gem", TASK)
+    found = score()
     assert np.array_equal(found.rewards, stored)
     assert found.mean == pytest.approx(100 * stored.mean(), abs=0.05)
     assert found.interval == mean_and_interval(stored)[1]
     assert found.cpu_seconds == 101.0
     assert found.episodes == tuple(range(40))
-    assert results.score("gem", TASK, episodes=10).rewards.shape == (3, 10)
-    assert results.score("gem", TASK, seed=1).rewards.shape == (1, 40)
+    assert score(seed=1).rewards.shape == (1, 40)
 
 
 def test_a_cell_that_is_not_there_says_what_is(stored):
     with pytest.raises(LookupError, match=r"no row with .*steps 300\. There are: .*steps 1500, world home"):
-        results.score("gem", TASK, steps=300)
-    with pytest.raises(LookupError, match=r"no row with .*world home, old camera.* There are: .*world home"):
-        results.score("gem", TASK, world=results.OLD_CAMERA)
-    with pytest.raises(LookupError, match=r"no row with method cliport.* There are: method gem, demos 10"):
-        results.score("cliport", TASK)
+        score(steps=300)
+    with pytest.raises(LookupError, match=r"no row with method cliport.* There are: demos 10"):
+        score(method="cliport")
     with pytest.raises(LookupError, match="There are: none of this task"):
-        results.score("gem", "bars-in-box")
-    with pytest.raises(LookupError, match="have 40 episodes, not 50"):
-        results.score("gem", TASK, episodes=50)
+        score(task="bars-in-box")
 
 
 def test_rows_that_differ_in_more_than_the_seed_are_no_cell(stored):
     file(row_of(np.ones(40), seed=3, config_hash="other"))
     with pytest.raises(LookupError, match=f"differ in config_hash: {LITE.digest}, other; ask for one"):
-        results.score("gem", TASK)
-    assert results.score("gem", TASK, config_hash=LITE.digest).rewards.shape == (3, 40)
-    assert results.score("gem", TASK, config_hash="other").mean == 100.0
+        score()
+    assert score(config_hash=LITE.digest).rewards.shape == (3, 40)
+    assert score(config_hash="other").mean == 100.0
 
 
 def test_two_trainings_with_one_seed_are_no_two_seeds(stored):
     file(row_of(np.ones(40), seed=0, checkpoint_sha256="trained-again"))
     with pytest.raises(LookupError, match=r"same training seed, of the checkpoints sha-0, sha-1, sha-2, trained-agai"):
-        results.score("gem", TASK)
+        score()
 
 
 def test_rows_of_unlike_episodes_are_no_cell(stored):
@@ -89,7 +87,7 @@ def test_rows_of_unlike_episodes_are_no_cell(stored):
     rows[0]["rewards"].pop("3")
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     with pytest.raises(LookupError, match="different episodes"):
-        results.score("gem", TASK)
+        score()
 
 
 @pytest.mark.parametrize("name", results.IDENTITY)
@@ -116,15 +114,15 @@ def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kin
         file(old_kind)
     assert path.read_bytes() == before
     file(row_of(np.zeros(40), **same))
-    assert results.score("gem", TASK, seed=1).mean == 0.0
+    assert score(seed=1).mean == 0.0
     file(row_of(np.ones(41), **same))
-    assert results.score("gem", TASK, seed=1).rewards.shape == (1, 41)
+    assert score(seed=1).rewards.shape == (1, 41)
     assert len(results.read_rows(path)) == 3
 
 
 def test_stored_rows_are_complete():
-    rows = [row for path in results.RESULTS.glob("*.jsonl") for row in results.read_rows(path)]
-    assert len(rows) > 100
+    rows = [row for path in results.RESULTS.glob("**/*.jsonl") for row in results.read_rows(path)]
+    assert len(rows) > 70
     for row in rows:
         assert {"world", "config", "config_hash", "clip", "clip_fingerprint", "episodes", "date"} <= row.keys()
         assert row["config_hash"] or row["method"] == "expert"
@@ -150,8 +148,8 @@ def test_no_two_stored_rows_have_one_name():
 
 
 def test_pairs_are_of_the_same_episodes(stored):
-    one = results.score("gem", TASK)
-    found = results.paired_difference(one, results.score("gem", TASK, seed=2))
+    one = score()
+    found = results.paired_difference(one, score(seed=2))
     assert found == statistics.paired_difference(stored, stored[2]) and found.seeds == (3, 1)
     file(row_of(np.ones(50), task="put-block-in-bowl-unseen-colors"))
     row = results.read_rows(results.results_file(TASK))[-1]
@@ -159,130 +157,7 @@ def test_pairs_are_of_the_same_episodes(stored):
     for other in (row, moved):
         # As many episodes, or not, they are not the same ones.
         with pytest.raises(ValueError, match=r"same episodes, got 40 episodes \(0 to 39\) and"):
-            results.paired_difference(one, results.pool([other], 40 if other is moved else None))
-
-
-def test_the_plan_holds_each_experiment_once_and_what_the_comparison_needs():
-    names = [experiment.name for experiment in PLAN]
-    assert len(set(names)) == len(names)
-    at_ten = {(e.method, e.seed) for e in PLAN if e.task == experiments.BOWL and e.demos == 10}
-    assert {(m, s) for m in methods.METHODS.names() for s in (0, 1, 2)} <= at_ten
-    assert {e.demos for e in PLAN if (e.method, e.task) == ("gem", experiments.BOWL)} == {1, 5, 10, 20}
-
-
-def test_an_experiment_is_measured_on_the_unseen_variant_too():
-    assert Experiment("gem", TASK).measured_on == (TASK, "put-block-in-bowl-unseen-colors")
-    assert Experiment("gem", "packing-shapes-seen").measured_on == ("packing-shapes-seen", "packing-shapes-unseen")
-    assert Experiment("gem", "block-insertion").measured_on == ("block-insertion",)
-
-
-@pytest.fixture
-def card(tmp_path, monkeypatch):
-    """Writes a checkpoint of an experiment that holds nothing but its card; entries may be given."""
-    monkeypatch.setattr(experiments, "FOLDER", tmp_path / "experiments")
-
-    def write(experiment, **other):
-        told = {
-            "method": experiment.method, "config": experiment.config.as_dict(), "demos": experiment.demos,
-            "clip": {"name": "embedded clip-tabletop", "fingerprint": clip.load().fingerprint},
-            "seed": experiment.seed, "demonstrations_world": experiment.demonstrations_world, "sha256": "sha-of-it",
-            "memory": [],
-        }  # fmt: skip
-        experiment.checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        experiment.checkpoint.write_bytes(b"")
-        experiment.checkpoint.with_suffix(".json").write_text(json.dumps(told | other))
-
-    return write
-
-
-def test_commands_train_unless_there_is_a_checkpoint(card, tmp_path):
-    experiment = Experiment("cliport", TASK, demos=5, seed=2)
-    trained, *measured = experiment.commands()
-    state = tmp_path / "experiments" / "state" / experiment.name
-    assert trained[0] == "train" and trained[-2:] == ["--state", str(state)]
-    assert [command[2] for command in measured] == list(experiment.measured_on)
-    card(experiment)
-    assert experiment.commands() == measured
-    assert [command[0] for command in Experiment("random", TASK).commands()] == ["evaluate"] * 2
-
-
-def test_a_checkpoint_of_another_training_is_not_measured(card):
-    experiment = Experiment("cliport", TASK, demos=5, seed=2)
-    for entries, said in (
-        ({"demonstrations_world": None}, "demonstrations_world is None, not varied"),
-        ({"demos": 10}, "demos is 10, not 5"),
-        ({"config": experiment.config.as_dict() | {"steps": 7}}, "config_hash is "),
-        ({"clip": {"name": "other", "fingerprint": "0"}}, "clip_fingerprint is 0, not"),
-    ):
-        card(experiment, **entries)
-        with pytest.raises(RuntimeError, match=f"comes from another training than {experiment.name} .*{said}"):
-            experiment.commands()
-
-
-def test_the_demonstrations_world_names_the_files_where_it_is_not_the_plans(tmp_path, monkeypatch):
-    plain, home = Experiment("cliport", TASK), Experiment("cliport", TASK, demonstrations_world="home")
-    assert plain.demonstrations_world == experiments.DEMONSTRATIONS_WORLD
-    assert home.name == f"{plain.name}-home" and home.checkpoint != plain.checkpoint and home.rows != plain.rows
-    assert Experiment("gem", TASK).shipped
-    assert not any(
-        Experiment("gem", TASK, **other).shipped for other in ({"demonstrations_world": "home"}, {"seed": 1})
-    )
-    monkeypatch.setattr(experiments, "FOLDER", tmp_path)
-    asked = []
-    monkeypatch.setattr(experiments.subprocess, "run", lambda command, check: asked.append(command[3:]))
-    experiments.collect([plain, home, Experiment("gem", TASK, demos=20), Experiment("expert", TASK)])
-    folders = [str(experiments.demonstrations_of(TASK, world)) for world in ("varied", "home")]
-    assert len(set(folders)) == 2
-    assert asked == [
-        ["collect", TASK, folder, "--episodes", count, "--world", world]
-        for folder, count, world in zip(folders, ("20", "10"), ("varied", "home"), strict=True)
-    ]
-
-
-def test_an_experiment_is_done_when_every_task_has_its_row(card, tmp_path, monkeypatch):
-    monkeypatch.setattr(results, "RESULTS", tmp_path / "filed")
-    experiment = Experiment("gem", TASK, demos=5, episodes=40)
-    named = {"demos": 5, "clip_fingerprint": clip.load().fingerprint, "demonstrations_world": "varied"}
-    unseen = "put-block-in-bowl-unseen-colors"
-    file(row_of(np.ones(40), **named))
-    assert not experiment.done()  # the unseen variant is missing
-    for other in (
-        {"world": "shadows"}, {"demonstrations_world": "home"}, {"config_hash": "other"},
-        {"clip_fingerprint": "other"}, {"seed": 1},
-    ):  # fmt: skip
-        file(row_of(np.ones(40), task=unseen, **(named | other)))
-        assert not experiment.done()
-    file(row_of(np.ones(40), task=unseen, **named))
-    assert experiment.done()
-    assert not replace(experiment, episodes=100).done()
-    assert not replace(experiment, demos=10).done()
-    assert not replace(experiment, demonstrations_world="other").done()
-    card(experiment)  # the rows are of another checkpoint than the one that is there
-    assert not experiment.done()
-    card(experiment, sha256="a")
-    assert experiment.done()
-
-
-def test_scripted_experiments_know_when_they_are_done(tmp_path, monkeypatch):
-    monkeypatch.setattr(results, "RESULTS", tmp_path)
-    for method in ("expert", "expert-rounded"):
-        experiment = Experiment(method, "bars-in-box", episodes=3)
-        settings = None if method == "expert" else evaluate.LITE
-        facts = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, settings)}
-        found = [Episode(i, 1.0, 1, ()) for i in range(3)]
-        file(result_row(method, "bars-in-box", found, "all", facts | {"world": "shadows"}))
-        assert not experiment.done()
-        file(result_row(method, "bars-in-box", found, "all", facts))
-        assert experiment.done()
-
-
-def test_a_failed_experiment_names_its_log(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiments, "FOLDER", tmp_path)
-    experiment = Experiment("gem", TASK)
-    monkeypatch.setattr(Experiment, "commands", lambda self: [["train", "nowhere", "x.safetensors"]])
-    with pytest.raises(RuntimeError, match="ended with code 2"):
-        experiments.run(experiment)
-    assert "holds no demonstrations" in (tmp_path / "logs" / f"{experiment.name}.log").read_text()
+            results.paired_difference(one, results.pool([other]))
 
 
 def judged(done: PickPlace, found: tuple[str, str], grasped: bool = True) -> str:

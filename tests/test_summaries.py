@@ -8,15 +8,8 @@ from gem_lite.figures import plot_benchmark
 
 def row(method, task, rewards, demos=10, seed=0, **changes):
     facts = {name: None for name in results.IDENTITY}
-    facts |= {
-        "method": method,
-        "task": task,
-        "subset": "all",
-        "split": "test",
-        "start": 0,
-        "demos": demos,
-        "seed": seed,
-    }
+    facts |= {"method": method, "task": task, "subset": "all", "world": "home", "split": "test", "start": 0}
+    facts |= {"demos": demos, "seed": seed}
     return facts | {"train_cpu_seconds": 1.0} | results.reward_entries(dict(enumerate(rewards))) | changes
 
 
@@ -24,7 +17,7 @@ ROWS = [
     row("gem", "a-seen", [1.0] * 10), row("gem", "a-unseen", [1.0] * 5 + [0.0] * 5), row("gem", "b", [0.5] * 10),
     row("gem", "b", [0.0] * 10, seed=1), row("gem", "a-seen", [0.0] * 10, demos=100),
     row("gem", "a-seen", [0.0] * 10, split="val"), row("gem", "a-seen", [0.0] * 10, subset="new"),
-    row("expert", "b", [1.0] * 10, demos=None, seed=None),
+    row("gem", "a-seen", [0.0] * 10, world="shadows"), row("expert", "b", [1.0] * 10, demos=None, seed=None),
 ]  # fmt: skip
 
 

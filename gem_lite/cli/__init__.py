@@ -30,8 +30,6 @@ COMMANDS = {
     "results gallery": ("results", "Gallery", "draw the first and the last picture of every task of the benchmark"),
     "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
     "results settings": ("results", "Settings", "print what the search and the experts' rows decide for the others"),
-    "results plan": ("results", "Plan", "the experiments behind the lessons: which are filed, and which are to do"),
-    "results run": ("results", "Run", "train and measure all experiments that are to do, and file their results"),
 }
 """For each subcommand: its module in this package, its class in that module, and its description."""
 

@@ -1,8 +1,7 @@
-"""``gem-lite results``: the results in data/results, and the experiments that produce them."""
+"""``gem-lite results``: the rows in data/results, and the tables and pictures that they make."""
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -14,8 +13,7 @@ from tyro.conf import Positional
 
 from gem_lite import tasks
 from gem_lite.cli.command import Command, ImportingCommand
-from gem_lite.evaluation import benchmark, experiments, gallery, pointing, results, summaries
-from gem_lite.evaluation.experiments import Experiment
+from gem_lite.evaluation import benchmark, gallery, pointing, results, summaries
 from gem_lite.figures import plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
 
@@ -38,17 +36,17 @@ class List(Command):
     def run(self) -> None:
         if not self.folder.is_dir():
             raise FileNotFoundError(f"{self.folder} is no folder of results")
-        for path in sorted(self.folder.glob("*.jsonl")):
-            rows = results.read_rows(path)
+        for name, paths in files_by_name(self.folder).items():
+            rows = [row for path in paths for row in results.read_rows(path)]
             names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
-            print(f"{path.stem}: {len(rows)} rows, of {', '.join(names)}")
+            print(f"{name}: {len(rows)} rows, of {', '.join(names)}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Show(Command):
     """Print the rows of a file of results, one per line."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results show put-block-in-bowl --method gem --world home",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results show benchmark/block-insertion --method gem",)
 
     name: Positional[str]
     """name of the file, as in `gem-lite results list`, or the path of another file"""
@@ -61,14 +59,13 @@ class Show(Command):
 
     @override
     def run(self) -> None:
-        named = results.RESULTS / f"{self.name}.jsonl"
-        path = named if named.exists() else Path(self.name)
-        if not path.is_file():
-            names = ", ".join(sorted(path.stem for path in results.RESULTS.glob("*.jsonl")))
-            raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {names}")
-        rows = [row for row in results.read_rows(path) if self.selects(row)]
+        stored = files_by_name(results.RESULTS)
+        paths = stored.get(self.name, [Path(self.name)])
+        if not paths[0].is_file():
+            raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {', '.join(stored)}")
+        rows = [row for path in paths for row in results.read_rows(path) if self.selects(row)]
         if not rows:
-            raise ValueError(f"{path} has no such row")
+            raise ValueError(f"{self.name} has no such row")
         for row in rows:
             print(described(row))
 
@@ -158,48 +155,12 @@ class Gallery(ImportingCommand):
         print(f"wrote {self.file}; the expert scored {min(story.score for story in played):.2f} or more")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan(Command):
-    """Name every experiment behind the lessons, and whether it is filed or to do."""
-
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results plan --only cliport",)
-
-    only: str = ""
-    """only experiments whose name contains this"""
-
-    @override
-    def run(self) -> None:
-        for experiment in planned(self.only):
-            print(f"{'filed' if experiment.done() else 'to do':6s} {experiment.name}, {experiment.episodes} episodes")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run(Command):
-    """Run all experiments that are to do, and file their results in data/results. This takes hours."""
-
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results run --only cliport --jobs 2",)
-    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, RuntimeError)
-
-    only: str = ""
-    """only experiments whose name contains this"""
-    jobs: int | None = None
-    """number of experiments that run at once (without it: one per core)"""
-
-    @override
-    def run(self) -> None:
-        experiments.run_all(planned(self.only), self.jobs or os.cpu_count() or 1)
-
-    @override
-    def stop_message(self) -> str:
-        return "stopped; the same command goes on with what is not filed yet"
-
-
-def planned(only: str) -> list[Experiment]:
-    """The experiments whose name contains ``only``. Raises ValueError if there is none."""
-    plan = [experiment for experiment in experiments.PLAN if only in experiment.name]
-    if not plan:
-        raise ValueError(f"no experiment's name holds {only!r}: see gem-lite results plan")
-    return plan
+def files_by_name(folder: Path) -> dict[str, list[Path]]:
+    """The files of rows in a folder. Those of one task of the benchmark have one name, such as benchmark/align-rope."""
+    files = {path.stem: [path] for path in sorted(folder.glob("*.jsonl"))}
+    for path in sorted(folder.glob("*/*/*.jsonl")):
+        files.setdefault(path.parent.relative_to(folder).as_posix(), []).append(path)
+    return files
 
 
 def described(row: dict) -> str:

@@ -20,6 +20,7 @@ from gem_lite.config import MULTI_TASK, Config
 from gem_lite.evaluation import evaluate, results
 from gem_lite.policies import methods
 from gem_lite.simulation.task import SOLVED
+from gem_lite.simulation.worlds import HOME
 
 ROWS = results.RESULTS / "benchmark"
 """The folder of the rows: one file for each cell."""
@@ -91,6 +92,7 @@ class Cell:
         split, episodes: the first episodes of this split.
         skipped: the indices of test episodes that are left out, since the expert does not solve them.
         preset: of the configuration of a scripted method.
+        world: of the episodes.
     """
 
     method: str
@@ -100,11 +102,14 @@ class Cell:
     episodes: int = 50
     preset: str = "lite"
     skipped: tuple[int, ...] = ()
+    world: str = HOME.name
 
     @property
     def name(self) -> str:
         """The name of the file of its row, without a folder and an ending."""
         entries = [self.method]
+        if self.world != HOME.name:
+            entries.append(self.world)
         if self.training:
             entries += [str(self.training.demos), str(self.training.seed)]
         elif self.preset != "lite":
@@ -196,7 +201,7 @@ class Plan:
         return list(dict.fromkeys(cell.training for cell in cells if cell.training))
 
     def _cells(self, group: Mapping[str, Any]) -> Iterator[Cell]:
-        """The cells of one entry of a tier: all combinations of its methods, tasks, demos and seeds."""
+        """The cells of one entry of a tier: all combinations of its methods, tasks, demos, seeds and worlds."""
         wanted = {"paper": self.variants, "all": (*self.variants, *self.ours)}.get(str(group["tasks"]))
         wanted = wanted or tuple(group["tasks"])
         episodes = group.get("episodes", 50)
@@ -207,9 +212,12 @@ class Plan:
                     skipped = () if method == "expert" else self.skipped.get(task, ())
                     yield Cell(method, task, episodes=episodes, preset=preset, skipped=skipped)
                 continue
-            for demos, seed, task in itertools.product(group["demos"], group.get("seeds", [0]), wanted):
+            seeds = group.get("seeds", [0])
+            named = group.get("worlds", [HOME.name])
+            for demos, seed, task, world in itertools.product(group["demos"], seeds, wanted, named):
                 training = self._training(method, task, demos, seed, group.get("steps"))
-                yield Cell(method, task, training, episodes=episodes, skipped=self.skipped.get(task, ()))
+                skipped = self.skipped.get(task, ())
+                yield Cell(method, task, training, episodes=episodes, skipped=skipped, world=world)
 
     def _training(self, method: str, task: str, demos: int, seed: int, steps: int | None) -> Training:
         """The training of a cell. ``steps`` takes the place of the number that the search chose."""

@@ -19,8 +19,6 @@ RESULTS = clip.DATA / "results"
 """The rows that the lessons draw."""
 RUNS = Path("runs/results")
 """Rows of runs that are not filed."""
-OLD_CAMERA = "home, old camera"
-"""The world of rows that were measured while `View.points` was half a pixel off. No registered world has the name."""
 CARD_ENTRIES = (
     "demos",
     "seed",
@@ -210,12 +208,11 @@ def _span(episodes: Sequence[int]) -> str:
     return f"{len(episodes)} episodes ({episodes[0]} to {episodes[-1]})"
 
 
-def pool(rows: Sequence[dict], episodes: int | None = None, identity: Sequence[str] = IDENTITY) -> Score:
+def pool(rows: Sequence[dict], identity: Sequence[str] = IDENTITY) -> Score:
     """Rows of several training seeds as one score.
 
     Args:
         rows: at least one. They may differ in `DIFFER_BY_SEED` only.
-        episodes: how many of the first episodes to keep; all of them by default.
 
     Raises:
         LookupError: the rows differ in other entries, two are of the same seed, or their episodes differ.
@@ -232,12 +229,10 @@ def pool(rows: Sequence[dict], episodes: int | None = None, identity: Sequence[s
             f"there are several rows of {pair} with the same training seed, of the checkpoints {checkpoints}: "
             "ask for one with checkpoint_sha256, or remove the others"
         )
-    indices_of_rows = [sorted(map(int, row["rewards"]))[:episodes] for row in rows]
+    indices_of_rows = [sorted(map(int, row["rewards"])) for row in rows]
     indices = indices_of_rows[0]
     if any(other != indices for other in indices_of_rows):
         raise LookupError(f"the rows of {pair} are of different episodes")
-    if episodes and len(indices) < episodes:
-        raise LookupError(f"the rows of {pair} have {len(indices)} episodes, not {episodes}")
     rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
     seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
     mean, interval = statistics.mean_and_interval(rewards)
@@ -260,26 +255,3 @@ def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[d
         alternatives = of_method
     available = dict.fromkeys(", ".join(f"{name} {row.get(name)}" for name in shown) for row in alternatives)
     raise LookupError(f"there is no row with {request}. There are: {'; '.join(available) or 'none of this task'}")
-
-
-def score(
-    method: str, task: str, demos: int | None = 10, episodes: int | None = None, steps: int = Config.steps,
-    world: str = "home", **more: object,
-) -> Score:  # fmt: skip
-    """The filed rows of a method on the test episodes from the first on, pooled over training seeds.
-
-    Args:
-        demos: how many demonstrations it was trained on; None if nothing was trained.
-        episodes: how many of the first episodes to keep, to compare with a score that has fewer; all by default.
-        steps: of its training.
-        world: where it was measured: a world's name, or `OLD_CAMERA`.
-        more: other entries of the rows with their values, such as ``demonstrations_world="varied"``, where rows
-            differ in more than the training seed.
-
-    Raises:
-        LookupError: there is no such row (the message lists the rows of the task), or see `pool`.
-    """
-    required = {"method": method, "task": task, "demos": demos, "world": world, "split": "test", "start": 0}
-    required |= {"subset": "all"} | ({"steps": steps} if demos else {}) | more
-    shown = ("method", "demos", "steps", "world", *more)
-    return pool(select(read_rows(results_file(task)), required, shown), episodes)

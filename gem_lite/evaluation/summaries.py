@@ -12,10 +12,11 @@ from gem_lite.config import MULTI_TASK
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.results import Score
 from gem_lite.policies import methods
+from gem_lite.simulation.worlds import HOME
 
 
 def scores(
-    rows: Sequence[dict], method: str, demos: int | None = None, seeds: Sequence[int] = (0,)
+    rows: Sequence[dict], method: str, demos: int | None = None, seeds: Sequence[int] = (0,), world: str = HOME.name
 ) -> dict[str, Score]:
     """A method's score on each task of which there are rows.
 
@@ -23,6 +24,7 @@ def scores(
         rows: of results.
         demos: the number of demonstrations; None for a scripted method.
         seeds: the training seeds to pool. A task for which one is missing is left out.
+        world: in which it was measured.
 
     Raises:
         LookupError: two rows of a task have the same seed, or differ in more than the seed; see `results.pool`.
@@ -30,8 +32,8 @@ def scores(
     wanted: list[int | None] = [None] if demos is None else list(seeds)
     by_task: dict[str, list[dict]] = {}
     for row in rows:
-        facts = (row["method"], row["demos"], row["split"], row["subset"])
-        if facts == (method, demos, "test", "all") and row["seed"] in wanted:
+        facts = (row["method"], row["demos"], row["split"], row["subset"], row["world"])
+        if facts == (method, demos, "test", "all", world) and row["seed"] in wanted:
             by_task.setdefault(row["task"], []).append(row)
     return {
         task: results.pool(of_task)
@@ -87,14 +89,14 @@ def better_rivals(own: Score, rivals: Mapping[str, Score]) -> list[str]:
 
 
 def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:
-    """The rows over all test episodes, by the table to which they belong. A row may belong to several.
+    """The rows over all test episodes at home, by the table to which they belong. A row may belong to several.
 
     Returns:
         "table-1": whole methods, alone or for several tasks, seed 0. "table-a2": GEM and its ablations with 10
         demonstrations, seed 0, on the tasks on which an ablation was measured. "ceilings": methods without training.
         "seeds": methods of which a task has several training seeds. A table without rows is left out.
     """
-    rows = [row for row in rows if row["split"] == "test" and row["subset"] == "all"]
+    rows = [row for row in rows if (row["split"], row["subset"], row["world"]) == ("test", "all", HOME.name)]
     scripted = [row for row in rows if row["method"] in evaluate.SCRIPTED]
     trained = [row for row in rows if row["method"] not in evaluate.SCRIPTED]
     endings = {name: methods.split(name) for name in {row["method"] for row in trained}}
