@@ -39,6 +39,17 @@ def test_shapes_of_both_modules():
     assert PlaceModule(SMALL, D)(rgbd, semantic, words, crop).shape == (2, 12, 32, 16)
 
 
+@pytest.mark.parametrize("kernels", ["steerable", "free"])
+def test_features_go_on_beyond_the_table_where_a_policy_acts(kernels):
+    module = PlaceModule(dataclasses.replace(SMALL, kernels=kernels), D)
+    features = torch.ones(1, SMALL.channels, 32, 32)
+    kernel = -torch.rand(1, module.kernel_channels, SMALL.kernel, SMALL.kernel)
+    scores = {training: module.train(training).score(features, kernel)[0] for training in (True, False)}
+    spread = {training: (found - found[:, 16:17, 16:17]).abs().max() for training, found in scores.items()}
+    assert spread[False] < 1e-3 * spread[True]
+    assert torch.allclose(scores[True][:, 12:20, 12:20], scores[False][:, 12:20, 12:20], rtol=1e-3)
+
+
 def test_unet_refuses_sizes_that_do_not_halve():
     with pytest.raises(ValueError, match="multiples of 16"):
         UNet(4, 3, D, (4, 4, 4, 4))(torch.zeros(1, 4, 40, 16), torch.zeros(1, D))

@@ -1,4 +1,6 @@
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ import pytest
 from gem_lite import tasks
 from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import ExpertAction
-from gem_lite.evaluation import evaluate, evaluate_mobile, failures, pointing, results, statistics
+from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, failures, pointing, results, statistics, summaries
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies.base import Choice
@@ -136,6 +138,21 @@ def test_stored_rows_are_complete():
         assert row["ci95"] == pytest.approx(interval, abs=0.11) and row["interval"] == statistics.INTERVAL
         learned = row["method"] not in (*evaluate.SCRIPTED, pointing.METHOD)
         assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_every_interval_of_a_page_is_that_of_a_row(page):
+    rows = benchmark.stored_rows() + results.read_rows(results.RESULTS / "object-sorting.jsonl")
+    known = {(row["mean"], *row["ci95"]) for row in rows}
+    for name in {row["method"] for row in rows if row.get("demos") == 10}:
+        scores = summaries.scores(benchmark.stored_rows(), name, 10)
+        if set(benchmark.VARIANTS) <= set(scores):
+            mean, interval = summaries.mean_over_tasks({task: scores[task] for task in benchmark.VARIANTS})
+            known.add((mean, *interval))
+    number = r"(\d+(?:\.\d)?)"
+    text = (Path(__file__).parents[1] / page).read_text()
+    found = {tuple(map(float, match)) for match in re.findall(rf"{number} \[{number}, {number}\]", text)}
+    assert not found - known
 
 
 def test_no_two_stored_rows_have_one_name():

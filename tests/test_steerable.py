@@ -8,7 +8,7 @@ from scipy.special import jn_zeros, jv
 
 from gem_lite import steerable
 from gem_lite.steerable import SteerableKernel, band_limited, correlation, disc, fourier, harmonics, orbit, turn
-from gem_lite.steerable.correlation import best_angle, correlate, peak, sample
+from gem_lite.steerable.correlation import best_angle, continued, correlate, peak, sample
 
 H = 9
 
@@ -310,6 +310,23 @@ def test_plain_kernels_are_correlated_each_alone(count):
     assert torch.autograd.gradcheck(correlate, [tensor.requires_grad_() for tensor in small])
     with pytest.raises(ValueError, match=r"features must be \(2, 3, H, W\)"):
         correlate(features[:1], kernels)
+
+
+def test_features_go_on_beyond_the_border():
+    torch.manual_seed(0)
+    features, kernels = torch.randn(2, 3, 20, 13), torch.randn(2, 2, 3, 7, 7)
+    response = continued(lambda whole: correlate(whole, kernels), features, 3)
+    padded = F.pad(features, (3, 3, 3, 3), mode="replicate")
+    expected = torch.stack([F.conv2d(f[None], k)[0] for f, k in zip(padded, kernels, strict=True)])
+    assert torch.allclose(response, expected, atol=1e-4)
+    inside = (..., slice(3, -3), slice(3, -3))
+    assert torch.allclose(response[inside], correlate(features, kernels)[inside], atol=1e-4)
+    # Of equal features everywhere, no cell is better than another; with zeros beyond the border, a corner is.
+    equal = torch.ones(1, 3, 20, 13)
+    low = -kernels[:1].abs()
+    flat = continued(lambda whole: correlate(whole, low), equal, 3)
+    assert torch.allclose(flat, flat[..., 10:11, 6:7].expand_as(flat), rtol=1e-4)
+    assert correlate(equal, low)[0, 0].argmax() in (0, 12, 19 * 13, 19 * 13 + 12)
 
 
 def test_training_after_a_decision():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.steerable import SteerableKernel
-from gem_lite.steerable.correlation import correlate, sample_parts
+from gem_lite.steerable.correlation import continued, correlate, sample_parts
 from gem_lite.steerable.loss import sampled_cross_entropy
 
 
@@ -54,7 +54,15 @@ class ActionModule(nn.Module):
     def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """The response of features to a lifted kernel (B, C, h, h): `SteerableKernel.correlate_parts`."""
         lifted = SteerableKernel.lift(kernel.float(), self.config.rotations, self.config.frequency)
-        return lifted.correlate_parts(features.float())
+        return self.correlated(lifted.correlate_parts, features, kernel)
+
+    def correlated(
+        self, correlation: Callable[[torch.Tensor], torch.Tensor], features: torch.Tensor, kernel: torch.Tensor
+    ) -> torch.Tensor:
+        """A correlation of features with a kernel. Where the policy acts, they go on beyond the table (`continued`)."""
+        if self.training:
+            return correlation(features.float())
+        return continued(correlation, features.float(), kernel.shape[-1] // 2)
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
@@ -62,7 +70,8 @@ class ActionModule(nn.Module):
         with torch.autocast(features.device.type, enabled=False):
             if self.config.kernels == "steerable":
                 return sample_parts(self.respond(features, kernel), self.angles)
-            scores = correlate(features.float(), kernel.float().unflatten(1, (-1, self.config.channels)))
+            kernels = kernel.float().unflatten(1, (-1, self.config.channels))
+            scores = self.correlated(lambda whole: correlate(whole, kernels), features, kernel)
             return scores.expand(-1, self.config.angles, -1, -1)  # an unrotated kernel gives every angle the same score
 
     def loss(self, features: torch.Tensor, kernel: torch.Tensor, cells: Sequence[Cell]) -> torch.Tensor:

@@ -28,7 +28,7 @@ from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins
-from gem_lite.steerable.correlation import correlate
+from gem_lite.steerable.correlation import continued, correlate
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,10 @@ class KeyQuery(nn.Module):
         kernels = self.kernels(image, words, picks, *levels)
         features = self.encoder(image, words, *levels)
         with torch.autocast(features.device.type, enabled=False):
-            return correlate(features.float(), kernels.float())
+            if self.training:
+                return correlate(features.float(), kernels.float())
+            # Where the policy acts, the features go on beyond the table.
+            return continued(lambda whole: correlate(whole, kernels.float()), features.float(), self.size // 2)
 
     def kernels(
         self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor, *levels: torch.Tensor

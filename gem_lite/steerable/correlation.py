@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -38,6 +39,20 @@ def correlate_coefficients(features: torch.Tensor, coefficients: torch.Tensor) -
 def correlate_parts(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
     """As `correlate_coefficients`, (B, 2(K+1), H, W) real: the real parts, then the imaginary parts."""
     return correlate(features, torch.cat([coefficients.real, coefficients.imag], dim=1))
+
+
+def continued(correlation: Callable[[torch.Tensor], torch.Tensor], features: torch.Tensor, reach: int) -> torch.Tensor:
+    """The response (B, N, H, W) of features (B, C, H, W) that go on beyond their border as they are at the border.
+
+    With zeros there, a response at a corner is the sum over a quarter of the kernel. Where all responses inside are
+    negative, it is nearer to zero than they are, so that the corner wins.
+
+    Args:
+        correlation: from features to responses of the same height and width.
+        reach: of the kernel: half of its size (pixels).
+    """
+    padded = F.pad(features, (reach,) * 4, mode="replicate")
+    return correlation(padded)[..., reach:-reach, reach:-reach]
 
 
 class _Correlate(torch.autograd.Function):
