@@ -188,8 +188,7 @@ def test_help_names_every_method(capsys):
 
 
 def test_the_shipped_policy_does_what_its_demonstrations_show(model):
-    settings = dataclasses.replace(LITE, locations=False)  # it was trained before there were location words
-    policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", model, settings)
+    policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", model)
     assert policy.name == "gem"
     for demo in demonstrations.load(clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10")[:3]:
         step = demo.steps[-1]  # earlier ones may have several right blocks
