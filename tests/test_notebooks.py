@@ -160,7 +160,7 @@ def test_exercises_have_a_scaffold_a_hint_a_check_and_a_folded_solution(notebook
     assert prose(nb).count("<summary>Hint") >= len(kinds) // 3
 
 
-REFERENCE = re.compile(r"(?:[Nn]otebook|[Ll]esson) \[?(0\d)\]?(?:\([\w./]+\))?, sections? (\d+(?:(?:, | and )\d+)*)")
+REFERENCE = re.compile(r"(?:[Nn]otebook|[Ll]esson) \[?([01]\d)\]?(?:\([\w./]+\))?, sections? (\d+(?:(?:, | and )\d+)*)")
 
 
 def test_sections_that_are_named_are_there():

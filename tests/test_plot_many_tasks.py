@@ -103,7 +103,13 @@ def test_a_moment_of_learning_has_all_kernels_and_marks_its_step():
 
 def made_rows(method, task, rewards):
     """A stored row with made-up rewards."""
-    facts = {name: None for name in results.IDENTITY} | {"demos": 10, "seed": 0, "split": "test", "subset": "all"}
+    facts = {name: None for name in results.IDENTITY} | {
+        "demos": 10,
+        "seed": 0,
+        "split": "test",
+        "subset": "all",
+        "world": "home",
+    }
     return facts | {
         "method": method, "task": task, "rewards": {str(i): reward for i, reward in enumerate(rewards)},
         "episodes": len(rewards), "train_cpu_seconds": 1.0,
