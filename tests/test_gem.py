@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from gem_lite.language import Queries
 from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
 from gem_lite.policies.gem import PickModule, PlaceModule, Policy, near_peak
@@ -280,6 +281,22 @@ def test_a_push_may_start_away_from_the_peak_of_its_map():
     assert push.all()
     tried = Pose2(*workspace.to_world(80, 20))
     assert not policy.candidates(inputs, (tried,), push=True)[80, 20]
+
+
+@pytest.mark.parametrize("push", [False, True])
+def test_a_push_ends_at_another_cell_than_that_of_its_start(push, monkeypatch):
+    policy = Policy(SMALL, types.SimpleNamespace(dim=D))
+    shape = SMALL.workspace.shape
+    scores = torch.zeros(1, SMALL.angles, *shape)
+    scores[..., 40, 40] = 2.0
+    scores[..., 90, 20] = 1.0
+    monkeypatch.setattr(policy, "score_pick", lambda inputs: scores)
+    monkeypatch.setattr(policy, "score_place", lambda inputs, picks: scores)
+    monkeypatch.setattr(policy, "candidates", lambda inputs, empty_picks, push: torch.ones(shape, dtype=torch.bool))
+    inputs = Inputs(rgbd=torch.zeros(4, *shape), maps={})
+    choice = policy.choose("", Queries("block", "square", push=push), None, inputs)
+    assert choice.pick_cell[1:] == (40, 40)
+    assert choice.place_cell[1:] == ((90, 20) if push else (40, 40))
 
 
 def test_the_pick_stays_near_the_peak_of_its_map():

@@ -266,7 +266,9 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         pick_logits = self.score_pick(inputs)[0].cpu()
         pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))
         place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
-        place_cell = _argmax(place_logits)
+        here = torch.zeros(place_logits.shape[1:], dtype=torch.bool)
+        here[pick_cell[1:]] = queries.push  # a push ends at another cell than that of its start
+        place_cell = _argmax(place_logits.masked_fill(here, -torch.inf))
         workspace = self.config.workspace
         angles = angle_bins(self.config.angles)
         pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
