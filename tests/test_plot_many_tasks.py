@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from gem_lite.actions import PickPlace, Push
-from gem_lite.evaluation import results, summaries
 from gem_lite.figures import plot_many_tasks
 from gem_lite.figures.plot_many_tasks import Retrieval, Table
 from gem_lite.se2 import Pose2, Workspace
@@ -99,30 +98,3 @@ def test_a_moment_of_learning_has_all_kernels_and_marks_its_step():
     assert [ax.get_title() for ax in fig.axes] == [*phrases, "after 10 steps"]
     marks = [line.get_xydata().tolist() for line in fig.axes[-1].lines if len(line.get_xdata()) == 1]
     assert marks == [[[10, 0.5]], [[10, -0.5]]]
-
-
-def made_rows(method, task, rewards):
-    """A stored row with made-up rewards."""
-    facts = {name: None for name in results.IDENTITY} | {
-        "demos": 10,
-        "seed": 0,
-        "split": "test",
-        "subset": "all",
-        "world": "home",
-    }
-    return facts | {
-        "method": method, "task": task, "rewards": {str(i): reward for i, reward in enumerate(rewards)},
-        "episodes": len(rewards), "train_cpu_seconds": 1.0,
-    }  # fmt: skip
-
-
-def test_differences_are_dots_that_are_filled_where_the_interval_is_clear_of_0():
-    rows = [made_rows("gem-multi", "clear", [1.0] * 20), made_rows("gem", "clear", [0.0] * 20)]
-    rows += [made_rows("gem-multi", "unclear", [1.0, 0.0] * 10), made_rows("gem", "unclear", [0.0, 1.0] * 10)]
-    many, single = (summaries.scores(rows, name, demos=10) for name in ("gem-multi", "gem"))
-    differences = {task: results.paired_difference(many[task], single[task]) for task in many}
-    ax = plot_many_tasks.show_differences(differences).axes[0]
-    dots = [line for line in ax.lines if line.get_marker() == "o"]
-    assert [dot.get_xdata()[0] for dot in dots] == [100, 0]
-    assert [dot.get_markerfacecolor() == "white" for dot in dots] == [False, True]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["clear", "unclear"]

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gem_lite import tasks
-from gem_lite.actions import PickPlace
+from gem_lite.actions import PickPlace, Push
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, failures, pointing, results, statistics, summaries
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
+from gem_lite.figures import benchmark_page
 from gem_lite.policies.base import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
@@ -155,6 +156,19 @@ def test_every_interval_of_a_page_is_that_of_a_row(page):
     assert not found - known
 
 
+def test_the_tables_of_the_page_are_those_of_the_rows():
+    page = (Path(__file__).parents[1] / "docs" / "results.md").read_text()
+    rows = benchmark.stored_rows()
+    assert benchmark_page.renewed(page, rows) == page, "run: gem-lite results page docs/results.md"
+    assert benchmark_page.renewed(page, rows[5:]) != page
+    with pytest.raises(ValueError, match="must name tables of benchmark, ablations, got none"):
+        benchmark_page.renewed("no table", rows)
+    with pytest.raises(ValueError, match="got wishes"):
+        benchmark_page.renewed("<!-- wishes -->\n<!-- end of wishes -->\n", rows)
+    with pytest.raises(ValueError, match="the end of the table 'benchmark' and not its beginning"):
+        benchmark_page.renewed("<!-- end of benchmark -->\n", rows)
+
+
 def test_no_two_stored_rows_have_one_name():
     for path in results.RESULTS.glob("*.jsonl"):
         identity = {"pointing": pointing.IDENTITY, "object-sorting": evaluate_mobile.IDENTITY}
@@ -189,6 +203,14 @@ def test_reasons_name_the_first_cause():
     assert judged(off, ("red block", "table"), False) == "grasped nothing of the red block, 10° off"
     assert judged(off, ("red block", "table")) == "placed on the table, not on the green bowl"
     assert judged(off, ("red block", "green bowl")) == "placed 20 mm and 30° off"
+
+
+def test_a_push_is_compared_with_the_experts():
+    done = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
+    right = ExpertAction(Push(Pose2(0.5, 0.01), Pose2(0.6, 0.03)), 0.0, 0.0)
+    choice = Choice("", None, None, None, None, (0, 0, 0), (0, 0, 0), done)
+    reason = failures.reason(choice, right, ("pile", "table"), ("pile", "table"), False)
+    assert reason == "began 10 mm and ended 30 mm from the expert's push"
 
 
 def test_thing_at_names_what_lies_on_top(world):

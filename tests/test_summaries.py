@@ -106,3 +106,27 @@ def test_a_rival_is_better_if_its_paired_difference_is_wholly_above():
         "a little": summaries.scores([row("y", "a", [0.0] * 19 + [1.0] * 11)], "y", 10)["a"],
     }
     assert summaries.better_rivals(own, rivals) == ["better"]
+
+
+def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():
+    rows = [row("gem", "clear", [1.0] * 20), row("x", "clear", [0.0] * 20)]
+    rows += [row("gem", "unclear", [1.0, 0.0] * 10), row("x", "unclear", [0.0, 1.0] * 10)]
+    own, rival = (summaries.scores(rows, name, demos=10) for name in ("gem", "x"))
+    leads = {task: results.paired_difference(own[task], rival[task]) for task in own}
+    figure = plot_benchmark.show_leads({"x": leads, "itself": {"clear": leads["unclear"]}}, "gem minus it")
+    marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 1 and line.get_marker() in "os"]
+    assert [mark.get_xdata()[0] for mark in marks if mark.get_xdata()[0] is not None] == [100, 0, 0]
+    assert [mark.get_markerfacecolor() == "white" for mark in marks] == [False, True, True]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["clear", "unclear"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["x", "itself"]
+    assert figure.axes[0].get_xlabel() == "gem minus it"
+    plt.close(figure)
+
+
+def test_seen_beside_unseen_has_a_panel_for_each_method_and_its_mean():
+    panels = {"gem": {"a": (100.0, 90.0), "b": (80.0, 50.0)}, "x": {"a": (60.0, 10.0)}}
+    figure = plot_benchmark.show_seen_unseen(panels)
+    assert [axes.get_title() for axes in figure.axes] == ["gem\n2 pairs of tasks", "x\n1 pairs of tasks"]
+    thick = [line.get_ydata().tolist() for axes in figure.axes for line in axes.lines if line.get_linewidth() == 3]
+    assert thick == [[90, 70], [60, 10]]
+    plt.close(figure)

@@ -29,6 +29,7 @@ COMMANDS = {
     "results show": ("results", "Show", "the rows of a file of results"),
     "results gallery": ("results", "Gallery", "draw the first and the last picture of every task of the benchmark"),
     "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
+    "results page": ("results", "Page", "write the tables of docs/results.md from the stored rows"),
     "results settings": ("results", "Settings", "print what the search and the experts' rows decide for the others"),
 }
 """For each subcommand: its module in this package, its class in that module, and its description."""

@@ -14,7 +14,7 @@ from tyro.conf import Positional
 from gem_lite import tasks
 from gem_lite.cli.command import Command, ImportingCommand
 from gem_lite.evaluation import benchmark, gallery, pointing, results, summaries
-from gem_lite.figures import plot_benchmark, plot_gallery
+from gem_lite.figures import benchmark_page, plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
 
 COMPARED = ("gem", "cliport", "transporter-lan")
@@ -111,6 +111,22 @@ class Tables(Command):
         write_atomically(self.folder / f"{name}.md", plot_benchmark.markdown(table, names).encode())
         plot_benchmark.show_table(table, names).savefig(self.folder / f"{name}.png", dpi=110)
         print(f"wrote {name}.md and {name}.png into {self.folder}, from {len(rows)} rows")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page(Command):
+    """Write the benchmark's tables of a Markdown page anew from the stored rows."""
+
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite results page docs/results.md",)
+
+    file: Positional[Path]
+    """the page; comments in it name the tables"""
+
+    @override
+    def run(self) -> None:
+        page = benchmark_page.renewed(self.file.read_text(), benchmark.stored_rows())
+        write_atomically(self.file, page.encode())
+        print(f"wrote {self.file}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite import tasks
-from gem_lite.actions import ExpertAction
+from gem_lite.actions import Action, ExpertAction, Push
 from gem_lite.policies.base import Choice, PickPlacePolicy
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.environment import body_at
@@ -33,6 +33,18 @@ def thing_at(world: World, pose: Pose2) -> str:
     return world.task.names.get(body_at(world, pose), "table")
 
 
+def ends(action: Action) -> tuple[Pose2, Pose2]:
+    """Where an action begins and where it ends: pick and place, or the start and the end of a push."""
+    if isinstance(action, Push):
+        return action.start, action.end
+    return action.pick, action.place
+
+
+def _distance(first: Pose2, second: Pose2) -> float:
+    """Millimetres between two poses."""
+    return 1000 * math.hypot(first.x - second.x, first.y - second.y)
+
+
 def reason(choice: Choice, expert: ExpertAction, right: tuple[str, str], chosen: tuple[str, str], grasped: bool) -> str:
     """The first cause why an action was wrong, in one line.
 
@@ -44,6 +56,9 @@ def reason(choice: Choice, expert: ExpertAction, right: tuple[str, str], chosen:
     """
     right_action = expert.action
     action = choice.action
+    if isinstance(action, Push) or isinstance(right_action, Push):
+        starts, stops = zip(ends(action), ends(right_action), strict=True)
+        return f"began {_distance(*starts):.0f} mm and ended {_distance(*stops):.0f} mm from the expert's push"
     if chosen[0] != right[0]:
         return f"picked the {chosen[0]}, not the {right[0]}"
     if not grasped:
@@ -51,7 +66,7 @@ def reason(choice: Choice, expert: ExpertAction, right: tuple[str, str], chosen:
         return f"grasped nothing of the {right[0]}, {turn:.0f}° off"
     if chosen[1] != right[1]:
         return f"placed on the {chosen[1]}, not on the {right[1]}"
-    gap = 1000 * math.hypot(action.place.x - right_action.place.x, action.place.y - right_action.place.y)
+    gap = _distance(action.place, right_action.place)
     turn = math.degrees(angle_off(action.delta - right_action.delta, expert.place_symmetry))
     return f"placed {gap:.0f} mm and {turn:.0f}° off"
 
@@ -77,14 +92,13 @@ def first_failure(
         lifted.clear()
         choice = policy.decide(observation, task.instruction)
         expert = task.expert(world)
-        right = thing_at(world, expert.action.pick), thing_at(world, expert.action.place)
-        picked = thing_at(world, choice.action.pick)
-        place = thing_at(world, choice.action.place)
+        right_pick, right_place = (thing_at(world, pose) for pose in ends(expert.action))
+        picked, place = (thing_at(world, pose) for pose in ends(choice.action))
         step = world.step(choice.action, record_lifted_body)
         if np.isclose(step.reward, 0) or step.reward < 0:
             if lifted:
                 picked = lifted[0]
-            cause = reason(choice, expert, right, (picked, place), step.grasped)
+            cause = reason(choice, expert, (right_pick, right_place), (picked, place), step.grasped)
             return Failure(index, world.steps_taken, choice, cause)
         (observation,) = step.observations
         done = step.done

@@ -1,4 +1,4 @@
-"""The benchmark's tables, as pictures and as Markdown, and its scaling with demonstrations (Fig. A5)."""
+"""The benchmark's tables, as pictures and as Markdown, leads with their intervals, seen beside unseen, Fig. A5."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from gem_lite.evaluation.statistics import Difference
 from gem_lite.evaluation.summaries import MeanAndInterval, mean_of_means
 from gem_lite.figures.plots import MAP_COLORS, SAFE_COLORS
 
@@ -48,11 +49,15 @@ def arranged(rows: Sequence[Row]) -> Table:
     return table
 
 
-def markdown(table: Table, tasks: Sequence[str]) -> str:
+def markdown(table: Table, tasks: Sequence[str], averaged: Sequence[str] | None = None) -> str:
     """A Markdown table: a line for each task, a column for each method, "mean [low, high]" in each cell.
 
     The last line is the mean over the tasks, for the columns that have them all.
+
+    Args:
+        averaged: the tasks of the mean; all without it. The others get a star.
     """
+    averaged = tasks if averaged is None else averaged
     head = f"| task | {' | '.join(table)} |"
     lines = [head, "|---|" + "---|" * len(table)]
     for task in tasks:
@@ -60,12 +65,13 @@ def markdown(table: Table, tasks: Sequence[str]) -> str:
         for column in table.values():
             row = column.get(task)
             cells.append(_cell(_interval(row)) if row else "")
-        lines.append(f"| {task} | {' | '.join(cells)} |")
+        star = "" if task in averaged else "*"
+        lines.append(f"| {task}{star} | {' | '.join(cells)} |")
     means = []
     for column in table.values():
-        complete = all(task in column for task in tasks)
-        means.append(_cell(mean_of_means([_interval(column[task]) for task in tasks])) if complete else "")
-    lines.append(f"| **mean of the {len(tasks)}** | {' | '.join(means)} |")
+        complete = all(task in column for task in averaged)
+        means.append(_cell(mean_of_means([_interval(column[task]) for task in averaged])) if complete else "")
+    lines.append(f"| **mean of the {len(averaged)}** | {' | '.join(means)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -114,6 +120,62 @@ def show_scaling(tasks: Sequence[str], curves: Mapping[str, Mapping[int, MeanAnd
     ax.minorticks_off()
     ax.set(xlabel="demonstrations", ylabel=f"mean over {len(tasks)} tasks", ylim=(0, 102))
     ax.legend(loc="lower right", fontsize=8)
+    return fig
+
+
+def show_leads(leads: Mapping[str, Mapping[str, Difference]], label: str) -> Figure:
+    """Paired differences with their 95 % intervals: a line for each task, a colour and a mark for each group.
+
+    A mark is filled if its interval does not contain 0.
+
+    Args:
+        leads: by group and task.
+        label: what is subtracted from what; written below the axis.
+    """
+    names = list(dict.fromkeys(name for of_group in leads.values() for name in of_group))
+    height = 0.17 * len(names) * (1 + len(leads)) + 1.2
+    fig, ax = plt.subplots(figsize=(7.8, height), layout="constrained")
+    for number in range(0, len(names), 2):
+        ax.axhspan(number - 0.5, number + 0.5, color="0.95", lw=0)
+    ax.axvline(0, color="black", lw=1)
+    for number, (group, of_group) in enumerate(leads.items()):
+        color = SAFE_COLORS[number % len(SAFE_COLORS)]
+        mark = "osD^v"[number % 5]
+        for name, difference in of_group.items():
+            row = names.index(name) + 0.8 * ((number + 0.5) / len(leads) - 0.5)
+            ax.plot(difference.interval, [row, row], color=color, lw=2)
+            clear = difference.interval[0] > 0 or difference.interval[1] < 0
+            ax.plot(difference.mean, row, mark, ms=6, color=color, mfc=color if clear else "white", mew=1.5)
+        ax.plot([], [], mark, color=color, label=group)
+    ax.set_yticks(range(len(names)), names, fontsize=8)
+    ax.set(ylim=(len(names) - 0.5, -0.5), xlabel=label)
+    ax.set_title("filled: the interval does not contain 0", fontsize=9)
+    ax.grid(axis="x", alpha=0.3)
+    if len(leads) > 1:
+        fig.legend(fontsize=8, loc="outside lower center", ncols=len(leads))
+    return fig
+
+
+def show_seen_unseen(panels: Mapping[str, Mapping[str, tuple[float, float]]]) -> Figure:
+    """For each method a panel: a thin line for each task from its seen to its unseen variant, a thick one for the mean.
+
+    Args:
+        panels: by method and task, the means (0-100) of the seen and the unseen variant.
+    """
+    fig, axes = plt.subplots(1, len(panels), figsize=(2.3 * len(panels), 3.4), sharey=True, layout="constrained")
+    for ax, (method, lines) in zip(np.atleast_1d(axes), panels.items(), strict=True):
+        for ends in lines.values():
+            ax.plot((0, 1), ends, color="0.6", lw=1, marker="o", ms=3)
+        mean = np.mean(list(lines.values()), axis=0)
+        ax.plot((0, 1), mean, color=SAFE_COLORS[0], lw=3, marker="s", ms=7)
+        for place, value in enumerate(mean):
+            ax.annotate(f"{value:.0f}", (place, value), (0, 9), textcoords="offset points", ha="center", fontsize=9)
+        ax.set_xticks((0, 1), ("seen", "unseen"))
+        ax.set(xlim=(-0.3, 1.3), ylim=(-3, 112))
+        ax.set_yticks(range(0, 101, 20))
+        ax.set_title(f"{method}\n{len(lines)} pairs of tasks", fontsize=9)
+        ax.grid(axis="y", alpha=0.3)
+    np.atleast_1d(axes)[0].set_ylabel("mean over 50 episodes")
     return fig
 
 

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import Action, Push
-from gem_lite.evaluation.statistics import Difference
 from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.se2 import Pose2, Workspace
 
@@ -245,19 +244,4 @@ def draw_learning(
     ax.set_title(f"after {steps[moment]} steps", fontsize=9)
     ax.legend(fontsize=8, loc="center right")
     ax.grid(alpha=0.3)
-    return fig
-
-
-def show_differences(differences: Mapping[str, Difference]) -> Figure:
-    """For each task the paired difference of two policies' scores with its 95 % interval."""
-    fig, ax = plt.subplots(figsize=(7.6, 0.34 * len(differences) + 1.1), layout="constrained")
-    for row, difference in enumerate(differences.values()):
-        ax.plot(difference.interval, [row, row], color="C0", lw=2)
-        clear = difference.interval[0] > 0 or difference.interval[1] < 0
-        ax.plot(difference.mean, row, "o", ms=7, color="C0", mfc="C0" if clear else "white", mew=1.6)
-    ax.axvline(0, color="black", lw=1)
-    ax.set_yticks(range(len(differences)), list(differences), fontsize=8)
-    ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel="score of one policy for all - score of one policy for the task")
-    ax.set_title("filled: the interval does not contain 0", fontsize=9)
-    ax.grid(axis="x", alpha=0.3)
     return fig

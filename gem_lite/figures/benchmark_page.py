@@ -1,0 +1,73 @@
+"""The benchmark's tables in docs/results.md: written anew from the stored rows, so that no number is typed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from gem_lite.evaluation import benchmark
+from gem_lite.evaluation.summaries import table_rows
+from gem_lite.figures.plot_benchmark import Row, Table, markdown
+
+OVERVIEW = {
+    "gem": "GEM",
+    "cliport": "CLIPort",
+    "transporter-lan": "Transporter-Lan",
+    "gem-multi": "GEM-multi",
+    "cliport-multi": "CLIPort-multi",
+    "expert-rounded": "expert, rounded",
+}
+"""The columns of the first table: methods, and their titles."""
+OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
+"""Its last lines: tasks that are not the paper's."""
+
+
+def overview(rows: Sequence[Row]) -> str:
+    """The first table: every task, methods with 10 demonstrations and training seed 0, beside the ceiling."""
+    table: Table = {title: {} for title in OVERVIEW.values()}
+    for row in rows:
+        facts = (row["world"], row["split"], row["subset"], row["config"])
+        training = (row["demos"], row["seed"])
+        named = str(row["method"]) in OVERVIEW and training in ((10, 0), (None, None))
+        if named and facts == ("home", "test", "all", "lite"):
+            table[OVERVIEW[str(row["method"])]][str(row["task"])] = row
+    return markdown(table, (*benchmark.VARIANTS, *OURS), benchmark.VARIANTS)
+
+
+def ablations(rows: Sequence[dict]) -> str:
+    """Table A2 on the paper's two tasks, seen and unseen: a line for each variant of GEM."""
+    tasks = [task for task in benchmark.VARIANTS if "pyramid" in task or "group" in task]
+    cells = {(str(row["method"]), str(row["task"])): row for row in table_rows(rows).get("table-a2", [])}
+    methods = list(dict.fromkeys(method for method, task in sorted(cells) if task in tasks))
+    lines = [f"| method | {' | '.join(tasks)} |", "|---|" + "---|" * len(tasks)]
+    for method in methods:
+        found = [cells.get((method, task)) for task in tasks]
+        texts = ["{} [{}, {}]".format(row["mean"], *row["ci95"]) if row else "" for row in found]
+        lines.append(f"| {method} | {' | '.join(texts)} |")
+    return "\n".join(lines) + "\n"
+
+
+TABLES = {"benchmark": overview, "ablations": ablations}
+"""By the name in a page's comments, what makes the table."""
+
+
+def renewed(page: str, rows: Sequence[dict]) -> str:
+    """A page with its tables written anew: those between ``<!-- NAME -->`` and ``<!-- end of NAME -->``.
+
+    Args:
+        rows: of results, see `benchmark.stored_rows`.
+
+    Raises:
+        ValueError: the page has no such place, or names a table that is not in `TABLES`.
+    """
+    names = re.findall(r"^<!-- end of (.+) -->$", page, re.M)
+    unknown = [name for name in names if name not in TABLES]
+    if unknown or not names:
+        raise ValueError(f"the page must name tables of {', '.join(TABLES)}, got {', '.join(unknown) or 'none'}")
+    for name in names:
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+        if begin not in page:
+            raise ValueError(f"the page has the end of the table {name!r} and not its beginning")
+        before, rest = page.split(begin, 1)
+        page = f"{before}{begin}{TABLES[name](rows)}{end}{rest.split(end, 1)[1]}"
+    return page
