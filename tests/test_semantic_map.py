@@ -140,7 +140,8 @@ def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):
     assert single.shape == LITE.workspace.shape
     assert single[row, col] > 0.5
     words = model.embed_texts([f"{task.named_colors[1]} bowl"])[0]
-    assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)))
+    # Two float32 products of the same numbers may differ in their last bits, and the scale enlarges the difference.
+    assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)), atol=1e-4)
 
 
 def test_top_patches_of_another_size_are_those_of_a_scene_embedded_with_it(scene_and_truth, model):
