@@ -2,7 +2,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from gem_lite.evaluation import benchmark, results, summaries
+from gem_lite.evaluation import benchmark, results, statistics, summaries
 from gem_lite.figures import plot_benchmark
 
 
@@ -50,6 +50,23 @@ def test_the_mean_counts_every_task_once_and_its_interval_covers():
     assert covered >= 0.93 * 300
     with pytest.raises(ValueError, match="at least one task"):
         summaries.mean_over_tasks({})
+
+
+def test_a_mean_difference_counts_every_task_once_and_may_be_negative():
+    rng = np.random.default_rng(1)
+    covered = 0
+    for _ in range(300):
+        worse, better = ((rng.random((3, 20)) < np.array(chances)[:, None]).astype(float) for chances in (
+            [0.1, 0.5, 0.6], [0.9, 0.6, 0.6],
+        ))  # fmt: skip
+        differences = {str(i): statistics.paired_difference(worse[i], better[i]) for i in range(3)}
+        mean = summaries.mean_difference(differences)
+        covered += mean.interval[0] <= -30 <= mean.interval[1]
+    assert covered >= 0.93 * 300
+    assert mean.mean == pytest.approx(100 * (worse - better).mean(), abs=0.1)
+    assert mean.interval[0] < mean.mean < mean.interval[1] < 0
+    with pytest.raises(ValueError, match="training seeds"):
+        summaries.mean_difference({})
 
 
 def test_every_row_finds_its_table():

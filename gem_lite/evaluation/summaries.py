@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from gem_lite.config import MULTI_TASK
 from gem_lite.evaluation import evaluate, results
 from gem_lite.evaluation.results import Score
+from gem_lite.evaluation.statistics import Difference
 from gem_lite.policies import methods
 from gem_lite.simulation.worlds import HOME
 
@@ -62,11 +63,33 @@ def mean_over_tasks(task_scores: Mapping[str, Score]) -> MeanAndInterval:
 
 def mean_of_means(means: Sequence[tuple[float, tuple[float, float]]]) -> MeanAndInterval:
     """The mean of independent means, given with their intervals: see `mean_over_tasks`."""
+    mean, (low, high) = _mean_and_ends(means)
+    return mean, (max(0.0, low), min(100.0, high))
+
+
+def mean_difference(differences: Mapping[str, Difference]) -> Difference:
+    """The mean of several tasks' paired differences, each counted once; its interval is that of `mean_over_tasks`.
+
+    Args:
+        differences: by the task; all with the same numbers of training seeds.
+
+    Raises:
+        ValueError: there is no task, or the numbers of training seeds differ.
+    """
+    seeds = {difference.seeds for difference in differences.values()}
+    if len(seeds) != 1:
+        raise ValueError(f"differences must hold tasks with the same numbers of training seeds, got {sorted(seeds)}")
+    mean, interval = _mean_and_ends([(difference.mean, difference.interval) for difference in differences.values()])
+    return Difference(mean, interval, seeds.pop())
+
+
+def _mean_and_ends(means: Sequence[tuple[float, tuple[float, float]]]) -> MeanAndInterval:
+    """The mean of independent means and the ends of its interval, rounded; the ends may leave the means' range."""
     count = len(means)
     mean = sum(value for value, _ in means) / count
     below = math.hypot(*(value - low for value, (low, _) in means)) / count
     above = math.hypot(*(high - value for value, (_, high) in means)) / count
-    return round(mean, 1), (round(max(0.0, mean - below), 1), round(min(100.0, mean + above), 1))
+    return round(mean, 1), (round(mean - below, 1), round(mean + above, 1))
 
 
 def seen_and_unseen(tasks: Sequence[str]) -> list[tuple[str, str]]:

@@ -165,11 +165,14 @@ def show_cosines(phrases: Sequence[str], cosines: np.ndarray, title: str) -> Fig
     return fig
 
 
-def show_pairs(panels: Mapping[str, np.ndarray], same: np.ndarray, levels: tuple[float, float]) -> Figure:
+def show_pairs(
+    panels: Mapping[str, np.ndarray], same: np.ndarray, levels: tuple[float, float], names: Sequence[str]
+) -> Figure:
     """Cosines (N,) of pairs of phrases for several kinds of vectors: same grasp above, different grasps below.
 
     Args:
         same: (N,) bool.
+        names: N names. The last panel writes the two lowest of the same grasp and the two highest of different ones.
         levels: the largest cosine wanted of different grasps, and the smallest wanted of the same grasp; dashed.
     """
     fig, axes = plt.subplots(len(panels), 1, figsize=(8.4, 1.5 * len(panels) + 0.5), sharex=True, layout="constrained")
@@ -178,22 +181,32 @@ def show_pairs(panels: Mapping[str, np.ndarray], same: np.ndarray, levels: tuple
         for y, (members, mark, color, _) in enumerate(groups):
             values = cosines[members]
             heights = y + np.linspace(-0.25, 0.25, len(values))
-            ax.plot(values, heights, mark, ms=6, mew=1.6, color=color, alpha=0.75)
+            ax.plot(values, heights, mark, ms=6, mew=1.4, color=color, mfc="none")
             ax.plot([values.mean()] * 2, [y - 0.38, y + 0.38], color="black", lw=2)
             ax.plot([levels[1 - y]] * 2, [y - 0.45, y + 0.45], color=color, ls="--", lw=1.2)
         ax.set_yticks([0, 1], [name for *_, name in groups], fontsize=9)
-        ax.set(ylim=(1.5, -0.5), xlim=(-1.05, 1.05))
+        ax.set(ylim=(1.6, -0.5), xlim=(-1.05, 1.05))
         ax.set_title(title, fontsize=9)
         ax.grid(axis="x", alpha=0.3)
-    np.atleast_1d(axes)[-1].set_xlabel("cosine (black: the mean; dashed: the levels that we want)")
+    for y, (members, *_) in enumerate(groups):
+        numbers = np.flatnonzero(members)
+        heights = y + np.linspace(-0.25, 0.25, len(numbers))
+        upper, lower = sorted(np.argsort(cosines[numbers] * (1 - 2 * y))[:2])
+        for i, offset in ((upper, (-6, 5)), (lower, (-6, -7))):
+            place = (cosines[numbers[i]], heights[i])
+            style = {"textcoords": "offset points", "fontsize": 8, "ha": "right", "va": "center"}
+            ax.annotate(names[numbers[i]], place, offset, **style)
+    ax.set_xlabel("cosine (black: the mean; dashed: the levels that we want)")
     return fig
 
 
 def show_lent_kernels(
     answers: Mapping[str, tuple[Pose2, np.ndarray]], picture: np.ndarray, centre: Pose2, workspace: Workspace,
-    reach: int = 9,
+    reach: int = 13,
 ) -> Figure:  # fmt: skip
     """One thing from above with the pick of each kernel, and below it the scores over the yaw at that pick.
+
+    The round end of a cross points in the direction of the yaw.
 
     Args:
         answers: for each kernel the best pick, and the scores (R,) at its pixel for all yaws.
