@@ -135,7 +135,7 @@ def test_stored_rows_are_complete():
         assert {*identity, "demonstrations_world"} <= row.keys()
         assert row["episodes"] == len(row["rewards"])
         mean, interval = mean_and_interval(list(row["rewards"].values()))
-        assert row["mean"] == pytest.approx(mean, abs=0.06)  # rewards are rounded
+        assert row["mean"] == pytest.approx(mean, abs=0.11)  # rewards are rounded, and then both means
         assert row["ci95"] == pytest.approx(interval, abs=0.11) and row["interval"] == statistics.INTERVAL
         learned = row["method"] not in (*evaluate.SCRIPTED, pointing.METHOD)
         assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
