@@ -75,19 +75,22 @@ def test_cosines_are_written_into_their_cells():
 
 def test_pairs_are_apart_by_their_grasp_with_the_levels_wanted():
     cosines, same = np.array([0.9, 1.0, -0.2]), np.array([True, True, False])
-    fig = plot_many_tasks.show_pairs({"words": cosines, "trained": cosines}, same, levels=(0.8, 0.97))
+    panels = {"words": cosines, "trained": cosines}
+    fig = plot_many_tasks.show_pairs(panels, same, levels=(0.8, 0.97), names=["a, b", "c, d", "e, f"])
     assert [ax.get_title() for ax in fig.axes] == ["words", "trained"]
     dots, mean, level, crosses, _, other_level = fig.axes[0].lines
     assert dots.get_xdata().tolist() == [0.9, 1.0] and crosses.get_xdata().tolist() == [-0.2]
     assert mean.get_xdata() == pytest.approx([0.95, 0.95])
     assert (level.get_xdata()[0], other_level.get_xdata()[0]) == (0.97, 0.8)
+    written = [(text.get_text(), text.xy[0]) for text in fig.axes[1].texts]
+    assert written == [("a, b", 0.9), ("c, d", 1.0), ("e, f", -0.2)] and not fig.axes[0].texts
 
 
 def test_lent_kernels_show_the_pick_and_the_scores_over_the_yaw():
     scores = np.cos(np.arange(36))
     fig = plot_many_tasks.show_lent_kernels({"own": (POSE, scores), "other": (OTHER, scores)}, PICTURE, POSE, W)
     assert [ax.get_title() for ax in fig.axes[:2]] == ["own", "other"]
-    assert fig.axes[0].get_xlim() == pytest.approx((11, 29), abs=0.01)
+    assert fig.axes[0].get_xlim() == pytest.approx((7, 33), abs=0.01)
     assert np.allclose(fig.axes[2].lines[0].get_ydata(), scores - scores.max())
 
 

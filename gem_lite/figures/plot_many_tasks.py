@@ -191,8 +191,8 @@ def show_pairs(
     for y, (members, *_) in enumerate(groups):
         numbers = np.flatnonzero(members)
         heights = y + np.linspace(-0.25, 0.25, len(numbers))
-        upper, lower = sorted(np.argsort(cosines[numbers] * (1 - 2 * y))[:2])
-        for i, offset in ((upper, (-6, 5)), (lower, (-6, -7))):
+        upper_and_lower = sorted(np.argsort(cosines[numbers] * (1 - 2 * y))[:2])
+        for i, offset in zip(upper_and_lower, ((-6, 5), (-6, -7)), strict=False):  # a group may have one member
             place = (cosines[numbers[i]], heights[i])
             style = {"textcoords": "offset points", "fontsize": 8, "ha": "right", "va": "center"}
             ax.annotate(names[numbers[i]], place, offset, **style)
