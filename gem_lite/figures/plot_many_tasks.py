@@ -172,8 +172,8 @@ def show_pairs(
 
     Args:
         same: (N,) bool.
-        names: N names. The last panel writes the two lowest of the same grasp and the two highest of different ones.
         levels: the largest cosine wanted of different grasps, and the smallest wanted of the same grasp; dashed.
+        names: N names. The last panel writes the two lowest of the same grasp and the two highest of different ones.
     """
     fig, axes = plt.subplots(len(panels), 1, figsize=(8.4, 1.5 * len(panels) + 0.5), sharex=True, layout="constrained")
     groups = ((same, "o", SAME_COLOR, "same grasp"), (~same, "x", OTHER_COLOR, "different grasps"))
@@ -184,20 +184,23 @@ def show_pairs(
             ax.plot(values, heights, mark, ms=6, mew=1.4, color=color, mfc="none")
             ax.plot([values.mean()] * 2, [y - 0.38, y + 0.38], color="black", lw=2)
             ax.plot([levels[1 - y]] * 2, [y - 0.45, y + 0.45], color=color, ls="--", lw=1.2)
+            if ax.get_subplotspec().is_last_row():
+                _name_extremes(ax, values, heights, [names[i] for i in np.flatnonzero(members)], lowest=y == 0)
         ax.set_yticks([0, 1], [name for *_, name in groups], fontsize=9)
         ax.set(ylim=(1.6, -0.5), xlim=(-1.05, 1.05))
         ax.set_title(title, fontsize=9)
         ax.grid(axis="x", alpha=0.3)
-    for y, (members, *_) in enumerate(groups):
-        numbers = np.flatnonzero(members)
-        heights = y + np.linspace(-0.25, 0.25, len(numbers))
-        upper_and_lower = sorted(np.argsort(cosines[numbers] * (1 - 2 * y))[:2])
-        for i, offset in zip(upper_and_lower, ((-6, 5), (-6, -7)), strict=False):  # a group may have one member
-            place = (cosines[numbers[i]], heights[i])
-            style = {"textcoords": "offset points", "fontsize": 8, "ha": "right", "va": "center"}
-            ax.annotate(names[numbers[i]], place, offset, **style)
     ax.set_xlabel("cosine (black: the mean; dashed: the levels that we want)")
     return fig
+
+
+def _name_extremes(ax: Axes, values: np.ndarray, heights: np.ndarray, names: Sequence[str], lowest: bool) -> None:
+    """Write the names of the two lowest (or highest) of several marks to the left of them."""
+    order = np.argsort(values if lowest else -values)
+    for i, offset in zip(sorted(order[:2]), ((-6, 5), (-6, -7)), strict=False):  # there may be one mark only
+        ax.annotate(
+            names[i], (values[i], heights[i]), offset, textcoords="offset points", fontsize=8, ha="right", va="center"
+        )
 
 
 def show_lent_kernels(
