@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shlex
 import subprocess
 import sys
 import time
@@ -67,7 +68,7 @@ def test_a_help_ends_with_its_examples(name, capsys):
 
 @pytest.mark.parametrize(("name", "example"), examples())
 def test_an_example_is_read_as_it_stands(name, example):
-    words = example.split()
+    words = shlex.split(example)
     assert words[: 1 + len(name.split())] == ["gem-lite", *name.split()]
     command = cli.read(*cli.split(words[1:]))
     assert isinstance(command, kind(name))

@@ -17,10 +17,8 @@ from gem_lite.evaluation import benchmark, gallery, pointing, results, summaries
 from gem_lite.figures import benchmark_page, plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
 
-COMPARED = ("gem", "cliport", "transporter-lan")
-"""The methods of Fig. A5."""
 SCALED = ((10, 100), (10, 20, 100))
-"""The numbers of demonstrations of its pictures: few tasks are measured with 20."""
+"""The numbers of demonstrations of the pictures of Fig. A5: few tasks are measured with 20."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +95,7 @@ class Tables(Command):
         for name, chosen in summaries.table_rows(rows).items():
             self.write_table(name, chosen)
         for counts in SCALED:
-            common, curves = summaries.scaling(rows, COMPARED, counts)
+            common, curves = summaries.scaling(rows, summaries.COMPARED, counts)
             if common:
                 path = self.folder / f"figure-a5-{'-'.join(map(str, counts))}.png"
                 plot_benchmark.show_scaling(common, curves).savefig(path, dpi=110)

@@ -15,6 +15,9 @@ from gem_lite.evaluation.statistics import Difference
 from gem_lite.policies import methods
 from gem_lite.simulation.worlds import HOME
 
+COMPARED = ("gem", "cliport", "transporter-lan")
+"""The methods that are compared with other numbers of demonstrations (Fig. A5)."""
+
 
 def scores(
     rows: Sequence[dict], method: str, demos: int | None = None, seeds: Sequence[int] = (0,), world: str = HOME.name

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from gem_lite.evaluation import benchmark
-from gem_lite.evaluation.summaries import table_rows
+from gem_lite.evaluation.summaries import COMPARED, table_rows
 from gem_lite.figures.plot_benchmark import Row, Table, markdown
 
 OVERVIEW = {
@@ -47,7 +47,23 @@ def ablations(rows: Sequence[dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
-TABLES = {"benchmark": overview, "ablations": ablations}
+def demonstrations(rows: Sequence[dict]) -> str:
+    """What 20 and 100 demonstrations give beside 10: a line for each task and number, where anything was measured."""
+    table = {}
+    for row in table_rows(rows).get("table-1", []):
+        if row["method"] in COMPARED and row["config"] == "lite":
+            table[row["task"], row["demos"], row["method"]] = "{} [{}, {}]".format(row["mean"], *row["ci95"])
+    more = {task for task, count, _ in table if count > 10}
+    lines = [f"| task | demonstrations | {' | '.join(OVERVIEW[name] for name in COMPARED)} |", "|---" * 5 + "|"]
+    for task in (*benchmark.VARIANTS, *OURS):
+        for count in sorted({number for name, number, _ in table if name == task and task in more}):
+            cells = [table.get((task, count, name), "") for name in COMPARED]
+            star = "*" if task in OURS else ""
+            lines.append(f"| {task}{star} | {count} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+TABLES = {"benchmark": overview, "ablations": ablations, "demonstrations": demonstrations}
 """By the name in a page's comments, what makes the table."""
 
 

@@ -11,6 +11,8 @@ from scipy import ndimage
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Workspace
 
+LOWEST = -0.02
+"""Lower points (metres) are no part of the table."""
 SAME_SURFACE = 0.008
 """A point belongs to the top surface of its cell if it is at most this far (metres) below the cell's highest point."""
 
@@ -83,7 +85,11 @@ def _fill(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
-    """Sort the pixels of all views into the cells of ``workspace``, and find the top surface of each cell."""
+    """Sort the pixels of all views into the cells of ``workspace``, and find the top surface of each cell.
+
+    Raises:
+        ValueError: there is no view, or no view has a point inside the workspace.
+    """
     if not views:
         raise ValueError("views is empty: a height map needs at least one RGB-D view")
     kept = []
@@ -92,10 +98,13 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
         xyz = view.points()
         x, y, z = np.moveaxis(xyz, -1, 0)
         inside = (x >= workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y <= workspace.y_max)
-        inside &= (z > -0.02) & (z < workspace.z_max)
+        inside &= (z > LOWEST) & (z < workspace.z_max)
+        inside &= view.depth > 0  # 0: not measured
         kept.append(inside)
         points.append(xyz[inside])
     x, y, z = np.concatenate(points).T
+    if not len(z):
+        raise ValueError(f"no camera sees a point inside the workspace: {_where_points_lie(views)}")
     rows, cols = workspace.shape
     row, col = workspace.to_pixel(x, y)
     # A cell's centre is a whole number, so rounding gives the cell. Rounding errors may push a point over an edge.
@@ -107,6 +116,16 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     seen = np.isfinite(top).reshape(rows, cols)
     height = _fill(np.where(seen, np.maximum(top.reshape(rows, cols), 0), 0).astype(np.float32), seen)
     return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
+
+
+def _where_points_lie(views: Sequence[View]) -> str:
+    """The middle nine tenths of all measured points along each axis, in words."""
+    measured = np.concatenate([view.points()[view.depth > 0] for view in views])
+    if not len(measured):
+        return "no pixel has a depth"
+    low, high = np.percentile(measured, (5, 95), axis=0)
+    ranges = [f"{axis} {a:.2f} to {b:.2f} m" for axis, a, b in zip("xyz", low, high, strict=True)]
+    return f"most points lie at {', '.join(ranges)}; gem-lite check-cameras may find the reason"
 
 
 def fuse_views(views: Sequence[View], workspace: Workspace, points: SortedPoints | None = None) -> HeightMap:
