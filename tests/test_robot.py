@@ -1,0 +1,116 @@
+"""What a robot's own program gets: poses in its base's frame, confidence, runner-up; and CLIPort's dictionaries."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gem_lite import clip
+from gem_lite.actions import PickPlace, Push
+from gem_lite.policies import checkpoints, robot
+from gem_lite.policies.base import Choice
+from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Pose2, Workspace
+
+SCENE = clip.DATA / "foreign-scenes" / "workbench"
+SENTENCE = "put the red block in the blue bowl"
+WORKSPACE = Workspace()
+
+
+def choice_of(logits, action, cell):
+    """A choice on an empty table whose height grows with the rows."""
+    height = np.linspace(0, 0.1, WORKSPACE.shape[0], dtype=np.float32)[:, None].repeat(WORKSPACE.shape[1], axis=1)
+    rgb = np.zeros((*WORKSPACE.shape, 3), np.uint8)
+    heightmap = HeightMap(WORKSPACE, rgb, height, np.ones(WORKSPACE.shape, bool))
+    return Choice("", None, heightmap, logits, logits, cell, cell, action)
+
+
+def at(row, col, yaw=0.0):
+    return Pose2(*WORKSPACE.to_world(row, col), yaw)
+
+
+def logits_with(peaks):
+    """(36, H, W) logits of -30, and at some (angle, row, col) others."""
+    logits = np.full((36, *WORKSPACE.shape), -30.0)
+    for cell, value in peaks.items():
+        logits[cell] = value
+    return logits
+
+
+def test_a_pose_has_the_maps_height_and_turns_into_the_base():
+    pick = at(80, 40, np.pi / 6)
+    choice = choice_of(logits_with({(3, 80, 40): 0.0}), PickPlace(pick, at(10, 20)), (3, 80, 40))
+    found = robot.plan(choice)
+    assert found.pick[:3, 3] == pytest.approx([pick.x, pick.y, choice.heightmap.height[80, 40]])
+    assert found.pick[:3, 2] == pytest.approx([0, 0, -1]), "the tool's z axis points down"
+    assert found.pick[:3, 0] == pytest.approx([np.cos(np.pi / 6), np.sin(np.pi / 6), 0]), "its x axis is at the yaw"
+    base = np.eye(4)
+    base[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    base[:3, 3] = 1.0, 2.0, 3.0
+    turned = robot.plan(choice, base)
+    assert turned.pick[:3, 3] == pytest.approx([1 - pick.y, 2 + pick.x, 3 + choice.heightmap.height[80, 40]])
+    assert np.allclose(turned.place, base @ found.place)
+    with pytest.raises(ValueError, match=r"must be a \(4, 4\) pose"):
+        robot.plan(choice, np.diag([2.0, 1, 1, 1]))
+    with pytest.raises(ValueError, match="must be a pick and place"):
+        robot.plan(choice_of(choice.pick_logits, Push(pick, pick), (3, 80, 40)))
+
+
+def test_confidence_counts_what_lies_near_and_the_runner_up_lies_elsewhere():
+    near, far = (7, 81, 41), (20, 30, 60)
+    peaks = {(3, 80, 40): np.log(0.5), near: np.log(0.2), far: np.log(0.3)}
+    found = robot.plan(choice_of(logits_with(peaks), PickPlace(at(80, 40), at(10, 20)), (3, 80, 40)))
+    assert found.confidence == pytest.approx(0.7, abs=0.001)
+    expected = at(30, 60)
+    assert (found.runner_up.x, found.runner_up.y) == (expected.x, expected.y)
+    assert found.runner_up.yaw == pytest.approx(20 * 2 * np.pi / 36)
+    assert found.lead == pytest.approx(0.5 / 0.3)
+
+
+def test_the_shipped_policy_is_sure_of_a_block_and_knows_another():
+    policy = checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load()).eval()
+    choice = policy.decide(Observation.load(SCENE), SENTENCE)
+    found = robot.plan(choice)
+    assert np.allclose(found.pick[:2, 3], [0.40, 0.25], atol=0.02) and 0.03 < found.pick[2, 3] < 0.06
+    assert found.confidence > 0.9 and found.lead > 10
+    assert np.hypot(found.runner_up.x - choice.action.pick.x, found.runner_up.y - choice.action.pick.y) >= 0.05
+
+
+def test_cliports_dictionaries_say_the_same():
+    ours = Observation.load(SCENE)
+    cameras = [
+        {
+            "intrinsics": view.camera.matrix.ravel().tolist(),
+            "position": view.camera.position.tolist(),
+            "rotation": Rotation.from_matrix(view.camera.rotation).as_quat().tolist(),
+        }
+        for view in ours.views
+    ]
+    dictionary = {"color": [view.rgb for view in ours.views], "depth": [view.depth for view in ours.views]}
+    theirs = robot.from_cliport(dictionary, cameras)
+    for old, new in zip(ours.views, theirs.views, strict=True):
+        assert np.allclose(old.camera.pose, new.camera.pose) and np.array_equal(old.rgb, new.rgb)
+    action = PickPlace(at(80, 40, 0.5), at(10, 20, 0.8))
+    pair = robot.to_cliport(action, choice_of(logits_with({}), action, (0, 80, 40)).heightmap)
+    (_, first), (position, second) = pair["pose0"], pair["pose1"]
+    assert position[:2] == (action.place.x, action.place.y)
+    assert Rotation.from_quat(first).as_euler("xyz")[2] == 0
+    assert Rotation.from_quat(second).as_euler("xyz")[2] == pytest.approx(0.3)
+
+
+def test_the_example_drives_a_robot_without_a_simulator():
+    example = Path(__file__).parents[1] / "docs" / "robot_example.py"
+    program = (
+        "import runpy, sys; sys.modules['pybullet'] = None; "
+        f"sys.argv = ['example', {str(SCENE)!r}, {SENTENCE!r}]; runpy.run_path({str(example)!r})"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("confidence") and [line.split()[-1] for line in lines[1:]] == [
+        "open", "open", "closed", "closed", "closed", "open",
+    ]  # fmt: skip
