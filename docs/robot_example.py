@@ -14,7 +14,7 @@ from gem_lite.rgbd.observation import Observation
 
 
 class StandInRobot:
-    """Prints what a real one would do. Its base stands beside the table, turned by a quarter."""
+    """Prints what a real one would do. Its base stands beside the table, turned by 90 degrees."""
 
     base_from_table = np.array([[0, -1, 0, 0.1], [1, 0, 0, -0.5], [0, 0, 1, 0.0], [0, 0, 0, 1]])
 

@@ -6,6 +6,7 @@ a policy had seen the scenes.
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 
@@ -147,6 +148,11 @@ def test_views_that_cannot_be_saved_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="must be equally many"):
         Observation.from_arrays([], [], [], [])
+    view = views[0]
+    with pytest.raises(ValueError, match="must be metres as floating point numbers, got uint16"):
+        Observation.from_arrays(
+            [view.rgb], [(1000 * view.depth).astype(np.uint16)], [view.camera.matrix], [view.camera.pose]
+        )
 
 
 # What is wrong with the cameras?
@@ -231,19 +237,54 @@ def test_a_mistake_of_all_cameras_or_of_one_is_named(scene, mistake):
 SHELF = read_raw(FOREIGN / "workbench")
 
 
+def tilted(degrees):
+    turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
+    return lambda view: changed_rotation(view, lambda matrix: turn @ matrix)
+
+
+def shifted(*metres):
+    return lambda view: changed_pose(view, lambda pose: pose + np.column_stack([np.zeros((4, 3)), [*metres, 0]]))
+
+
+def reordered(shift):
+    """A rotation from a quaternion in another order."""
+    return lambda view: changed_rotation(
+        view, lambda matrix: Rotation.from_quat(np.roll(Rotation.from_matrix(matrix).as_quat(), shift)).as_matrix()
+    )
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_other_mistakes_of_a_camera_are_named(scene):
+    views = read_raw(FOREIGN / scene)
+
+    def named(make, number):
+        changed = [make(view) if i == number else view for i, view in enumerate(views)]
+        (finding,) = camera_check.check(changed, Workspace())
+        return finding.mistake, finding.cameras
+
+    for number, name in enumerate(("overhead", "left", "right")):
+        assert named(shifted(0.05, 0, 0), number) == ("views disagree", (name,))
+        assert named(shifted(0, 0, 0.02), number) == ("calibration", (name,))
+        assert named(tilted(4), number) == ("calibration", (name,))
+        assert named(reordered(1), number) == named(reordered(-1), number) == ("quaternion order", (name,))
+        assert named(lambda view: replace(view, depth=view.depth / 4), number) == ("depth scale", (name,))
+    others = [views[0], replace(views[1], pose=views[2].pose), replace(views[2], pose=views[1].pose)]
+    (finding,) = camera_check.check(others, Workspace())
+    assert finding.mistake == "poses exchanged"
+
+
+def test_the_sentences_hold_numbers():
+    (finding,) = camera_check.check([replace(view, depth=view.depth / 4) for view in SHELF], Workspace())
+    factors = re.findall(r"[\d.]+", finding.sentence)
+    assert len(factors) == 3 and all(abs(float(factor) - 4) < 0.1 for factor in factors)
+    (finding,) = camera_check.check([SHELF[0], shifted(0, 0, 0.02)(SHELF[1]), SHELF[2]], Workspace())
+    assert re.search(r"tilted by 0\.[012] degrees and lies (19|20|21) mm from z = 0", finding.sentence)
+
+
 def test_a_table_at_another_height_is_not_explained_by_a_mistake():
-    views = [changed_pose(view, lambda pose: pose + np.outer([0, 0, 1, 0], [0, 0, 0, 0.1])) for view in SHELF]
+    views = [shifted(0, 0, 0.15)(view) for view in SHELF]
     (finding,) = camera_check.check(views, Workspace())
     assert finding.mistake == "table not found" and "is the table at z = 0" in finding.sentence
-
-
-def test_a_camera_that_was_moved_disagrees_with_the_others():
-    def moved(pose):
-        pose[0, 3] += 0.04
-        return pose
-
-    (finding,) = camera_check.check([changed_pose(SHELF[0], moved), *SHELF[1:]], Workspace())
-    assert finding.mistake == "views disagree" and "calibrate" in finding.sentence
 
 
 # What a shipped policy sees there, without a change.

@@ -211,6 +211,22 @@ def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
         assert ax.images[0].get_array()[round(row), round(col) + 80 * table] == 0  # the best logit is there
 
 
+def test_a_tag_on_the_table_gives_the_cameras_pose(world):
+    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
+    world.drive(0)
+    view = world.look()
+    found = tags.camera_in_table(view.rgb, view.camera.matrix, world.tags[0], world.tag)
+    table = world.true_table(0)
+    base_from_table = np.eye(4)
+    base_from_table[:2, :2] = [[np.cos(table.yaw), -np.sin(table.yaw)], [np.sin(table.yaw), np.cos(table.yaw)]]
+    base_from_table[:2, 3] = table.x, table.y
+    expected = np.linalg.inv(base_from_table) @ np.array(view.camera.pose)  # heights count from the tables' tops
+    assert np.allclose(found[:3, 3], expected[:3, 3], atol=0.02)
+    assert np.allclose(found[:3, :3], expected[:3, :3], atol=0.03)
+    with pytest.raises(tags.LocalisationError, match="tag 500 is not in the picture"):
+        tags.camera_in_table(view.rgb, view.camera.matrix, 500, world.tag)
+
+
 def test_localisation_and_curves_are_drawn(world):
     world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
     world.drive(0)

@@ -82,8 +82,8 @@ class CheckCameras(OwnTable):
         found = camera_check.fit([camera_check.cloud(view) for view in views], workspace)
         for view, share in zip(views, found.covered, strict=True):
             print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace")
-        if len(views) > 1:
-            print(f"the views agree about {100 * found.agreed:.0f} % of what stands on the table")
+        for (first, second), share in found.pairs.items():
+            print(f"{views[first].name} and {views[second].name} agree about {100 * share:.0f} % of what stands there")
         if not findings:
             observation = Observation(tuple(view.view() for view in views))
             self.draw(plot_own_table.show_table_from_above(fuse_views(observation.views, workspace)), "table.png")

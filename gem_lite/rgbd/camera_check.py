@@ -31,11 +31,21 @@ SAME_HEIGHT = 0.015
 """Two views agree about a cell if their heights differ by less (m)."""
 COVERED = 0.3
 """With right cameras, a view sees the table in at least this share of the workspace's cells."""
+LEVEL_SHARE = 0.6
+"""With right cameras, a view sees the table in at least this share of the cells in which it sees anything."""
 COMPARED = 15
 """Two views are compared if both see at least as many cells with something on the table."""
 AGREED = 0.5
 """With right cameras, two views agree in at least this share of the cells in which something stands."""
 MILLIMETRES = 1000.0
+NEAR_TABLE = 0.08
+"""A table that is farther (m) from z = 0 is no matter of calibration."""
+LARGEST_TILT = 8.0
+"""Nor is one that is tilted by more (degrees)."""
+LITTLE = 0.05
+"""A depth that is off by less is a matter of calibration."""
+MOST_EXCHANGED = 4
+"""Exchanged poses are looked for among at most as many cameras."""
 COMBINATIONS = 200
 """At most as many combinations of several views' candidates are tried."""
 PLANES = 300
@@ -50,23 +60,35 @@ class Fit:
 
     Attributes:
         covered: by view, the share of the workspace's cells in which it sees the table.
-        agreed: the share of the cells with something on the table about whose height two views agree, for the two
-            views that agree least. Views with less than `COMPARED` such cells in common are not compared; if there are
-            no others, it is 1.
+        level: by view, the share of the cells with any of its points, in which it sees the table.
+        pairs: for two views, by their numbers, the share of the cells with something on the table about whose height
+            they agree. Views with less than `COMPARED` such cells in common are left out.
     """
 
     covered: tuple[float, ...]
-    agreed: float
+    level: tuple[float, ...]
+    pairs: dict[tuple[int, int], float]
+
+    @property
+    def agreed(self) -> float:
+        """The agreement of the two views that agree least; 1 if no two are compared."""
+        return min(self.pairs.values(), default=1.0)
 
     @property
     def good(self) -> bool:
         """Whether the cameras are probably right."""
-        return min(self.covered) >= COVERED and self.agreed >= AGREED
+        return not self.wrong and self.agreed >= AGREED
+
+    @property
+    def wrong(self) -> tuple[int, ...]:
+        """The numbers of the views that do not see the table where it should be."""
+        pairs = zip(self.covered, self.level, strict=True)
+        return tuple(number for number, (seen, flat) in enumerate(pairs) if seen < COVERED or flat < LEVEL_SHARE)
 
     @property
     def score(self) -> float:
         """One number in [0, 1], to compare corrections."""
-        return min(self.covered) * self.agreed
+        return min(self.covered) * min(self.level) * self.agreed
 
 
 @dataclass(frozen=True)
@@ -141,12 +163,6 @@ def pose_in_millimetres(given: Cloud) -> Iterator[Cloud]:
     yield Cloud(given.local, pose)
 
 
-def depth_in_millimetres(given: Cloud) -> Iterator[Cloud]:
-    """The scale of the depth is a thousand times too large or too small."""
-    for factor in (1 / MILLIMETRES, MILLIMETRES):
-        yield Cloud(given.local * factor, given.pose)
-
-
 def depth_along_ray(given: Cloud) -> Iterator[Cloud]:
     """The depth was measured along each pixel's ray instead of along the camera's axis."""
     distances = np.linalg.norm(given.local, axis=1, keepdims=True)
@@ -165,10 +181,39 @@ def degrees_for_radians(given: Cloud) -> Iterator[Cloud]:
     axis = vector / angle if angle > 1e-9 else np.array([0.0, 0.0, 1.0])
     for turns in range(-30, 31):
         true = math.radians(angle + 2 * math.pi * turns)
-        if abs(true) <= math.pi:
+        changed = abs(true - angle) > math.radians(LARGEST_TILT)  # a smaller change is one of calibration
+        if abs(true) <= math.pi and changed:
             pose = given.pose.copy()
             pose[:3, :3] = Rotation.from_rotvec(true * axis).as_matrix()
             yield Cloud(given.local, pose)
+
+
+def quaternion_in_another_order(given: Cloud) -> Iterator[Cloud]:
+    """The rotation was made from a quaternion whose w was read as x, or the reverse."""
+    if np.linalg.det(given.pose[:3, :3]) < 0:
+        return
+    quaternion = Rotation.from_matrix(given.pose[:3, :3]).as_quat()
+    for shift in (1, -1):
+        pose = given.pose.copy()
+        pose[:3, :3] = Rotation.from_quat(np.roll(quaternion, shift)).as_matrix()
+        yield Cloud(given.local, pose)
+
+
+def depth_scaled(given: Cloud) -> Iterator[Cloud]:
+    """The scale of the depth is wrong by some factor: the one that brings most points to the table."""
+    yield Cloud(given.local * depth_factor(given), given.pose)
+
+
+def depth_factor(given: Cloud) -> float:
+    """By how much to multiply depth so that most points lie at z = 0; 1 if no factor does."""
+    fall = -(given.local @ given.pose[2, :3])
+    factors = np.log(given.pose[2, 3] / fall[fall > 0]) if given.pose[2, 3] > 0 else np.zeros(0)
+    if not len(factors):
+        return 1.0
+    counts, edges = np.histogram(factors, np.arange(factors.min() - 0.02, factors.max() + 0.04, 0.02))
+    highest = int(counts.argmax())
+    near = (factors >= edges[highest]) & (factors <= edges[highest + 1])
+    return float(np.exp(np.median(factors[near])))
 
 
 CORRECTIONS: dict[str, tuple[Correction, str]] = {
@@ -181,7 +226,11 @@ CORRECTIONS: dict[str, tuple[Correction, str]] = {
         swapped_axes, "the camera's axes come in another order: x must point to the right, y down and z forward",
     ),
     "millimetres (pose)": (pose_in_millimetres, "the position in the pose is in millimetres: it must be in metres"),
-    "millimetres (depth)": (depth_in_millimetres, "depth_scale is a thousand times too large or too small"),
+    "depth scale": (depth_scaled, "depth_scale is wrong"),
+    "quaternion order": (
+        quaternion_in_another_order,
+        "the rotation was made from a quaternion in another order: is w the first or the last number?",
+    ),
     "depth along the ray": (
         depth_along_ray, "depth is the distance along each pixel's ray: it must be that along the camera's axis",
     ),
@@ -197,6 +246,7 @@ def fit(clouds: Sequence[Cloud], workspace: Workspace) -> Fit:
     coarse = replace(workspace, pixel=CELL)
     rows, cols = coarse.shape
     covered = []
+    level = []
     heights = []
     for cloud_of_view in clouds:
         x, y, z = cloud_of_view.points.T
@@ -205,18 +255,20 @@ def fit(clouds: Sequence[Cloud], workspace: Workspace) -> Fit:
         row = np.clip(np.floor(row + 0.5).astype(int), 0, rows - 1)
         col = np.clip(np.floor(col + 0.5).astype(int), 0, cols - 1)
         cell = row * cols + col
-        level = np.zeros(rows * cols, bool)
-        level[cell[np.abs(z[inside]) < LEVEL]] = True
-        covered.append(float(level.mean()))
+        on_table = np.zeros(rows * cols, bool)
+        on_table[cell[np.abs(z[inside]) < LEVEL]] = True
         top = np.full(rows * cols, -np.inf)
         np.maximum.at(top, cell, z[inside])
+        covered.append(float(on_table.mean()))
+        level.append(float(on_table.sum() / max(np.isfinite(top).sum(), 1)))
         heights.append(top)
-    agreed = 1.0
-    for first, second in itertools.combinations(heights, 2):
-        both = np.isfinite(first) & np.isfinite(second) & (np.maximum(first, second) > STANDS)
+    pairs = {}
+    for first, second in itertools.combinations(range(len(heights)), 2):
+        one, other = heights[first], heights[second]
+        both = np.isfinite(one) & np.isfinite(other) & (np.maximum(one, other) > STANDS)
         if both.sum() >= COMPARED:
-            agreed = min(agreed, float(np.mean(np.abs(first[both] - second[both]) < SAME_HEIGHT)))
-    return Fit(tuple(covered), agreed)
+            pairs[first, second] = float(np.mean(np.abs(one[both] - other[both]) < SAME_HEIGHT))
+    return Fit(tuple(covered), tuple(level), pairs)
 
 
 def corrected(
@@ -261,21 +313,66 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
     if as_given.good:
         return findings
     numbers = tuple(range(len(views)))
-    wrong = tuple(number for number, share in enumerate(as_given.covered) if share < COVERED)
-    suspects = [numbers, wrong] if wrong else [numbers, *((number,) for number in numbers)]
+    wrong = as_given.wrong
+    if _exchanged(clouds, workspace):
+        sentence = "each camera has a pose, but of another camera: exchange them"
+        return [*findings, Finding("poses exchanged", names, sentence)]
+    if wrong and (off := [_almost_level(clouds[number], workspace) for number in wrong]) and all(off):
+        sentence = f"calibrate: the table {' and '.join(filter(None, off))}"
+        return [*findings, Finding("calibration", tuple(names[number] for number in wrong), sentence)]
+    suspects = [wrong, numbers] if wrong else [numbers, *((number,) for number in numbers)]
     for changing in dict.fromkeys(suspects):
         fits = {name: corrected(clouds, changing, undo, workspace) for name, (undo, _) in CORRECTIONS.items()}
         name = max(fits, key=lambda key: fits[key].score)
         if fits[name].good:
             concerned = tuple(names[number] for number in changing)
+            if name == "depth scale":
+                return [*findings, _scale(concerned, [depth_factor(clouds[number]) for number in changing])]
             return [*findings, Finding(name, concerned, CORRECTIONS[name][1])]
     if wrong and all(_has_plane_at_height(clouds[number]) for number in wrong):
         sentence = (
-            "the position and the depth fit the table, and the rotation does not: were its angles given in degrees "
-            "where radians are needed, or in another order?"
+            "the height of the camera and the depth fit the table, and the rotation does not: were its angles given in "
+            "degrees where radians are needed, or in another order?"
         )
         return [*findings, Finding("degrees for radians", tuple(names[number] for number in wrong), sentence)]
     return [*findings, _unknown(names, as_given)]
+
+
+def _almost_level(given: Cloud, workspace: Workspace) -> str:
+    """How a plane that is nearly the table differs from z = 0, in words; "" if there is none.
+
+    The plane is that of the points in the workspace that are at most `NEAR_TABLE` from z = 0. Points far from it are
+    left out one round after the other.
+    """
+    x, y, z = given.points.T
+    near = (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
+    near &= np.abs(z) < NEAR_TABLE
+    if near.sum() < SHARE_OF_PLANE * len(z):
+        return ""
+    middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2])
+    design = np.column_stack([x - middle[0], y - middle[1], np.ones_like(x)])
+    kept = near
+    for limit in (0.04, 0.02, LEVEL, LEVEL):
+        slope_x, slope_y, height = np.linalg.lstsq(design[kept], z[kept], rcond=None)[0]
+        residuals = np.abs(z - design @ np.array([slope_x, slope_y, height]))
+        kept = near & (residuals < limit)
+        if kept.sum() < 3:
+            return ""
+    tilt = math.degrees(math.atan(math.hypot(slope_x, slope_y)))
+    if kept.sum() < 0.8 * near.sum() or tilt > LARGEST_TILT:
+        return ""
+    return f"is tilted by {tilt:.1f} degrees and lies {1000 * height:.0f} mm from z = 0"
+
+
+def _exchanged(clouds: Sequence[Cloud], workspace: Workspace) -> bool:
+    """Whether the cameras fit with their poses in another order."""
+    if not 2 <= len(clouds) <= MOST_EXCHANGED:
+        return False
+    for order in list(itertools.permutations(range(len(clouds))))[1:]:
+        tried = [Cloud(given.local, clouds[number].pose) for given, number in zip(clouds, order, strict=True)]
+        if fit(tried, workspace).good:
+            return True
+    return False
 
 
 def _has_plane_at_height(given: Cloud) -> bool:
@@ -308,16 +405,27 @@ def _sizes(view: RawView) -> Finding:
     return Finding("sizes differ", (view.name,), sentence)
 
 
+def _scale(names: tuple[str, ...], factors: Sequence[float]) -> Finding:
+    sentence = f"depth_scale is wrong: multiply it by about {', '.join(f'{factor:.3g}' for factor in factors)}"
+    if all(abs(factor - 1) < LITTLE for factor in factors):
+        return Finding("calibration", names, f"calibrate: depth is off by a little, or a camera is tilted ({sentence})")
+    thousand = all(abs(abs(math.log(factor)) / math.log(MILLIMETRES) - 1) < 0.02 for factor in factors)
+    return Finding("millimetres (depth)" if thousand else "depth scale", names, sentence)
+
+
 def _unknown(names: Sequence[str], found: Fit) -> Finding:
-    least = min(range(len(names)), key=found.covered.__getitem__)
-    if found.covered[least] < COVERED:
+    if found.wrong:
+        seen = ", ".join(f"{names[number]} {100 * found.covered[number]:.0f} %" for number in found.wrong)
         sentence = (
-            f"{names[least]} sees the table (z = 0) in {100 * found.covered[least]:.0f} % of the workspace only; no "
-            "mistake that is known here explains it: is the table at z = 0, and is the workspace right?"
+            f"the table (z = 0) is seen in little of the workspace ({seen}), and no single mistake that is known here "
+            "explains it: is the table at z = 0, is the workspace right, are there two mistakes?"
         )
-        return Finding("table not found", (names[least],), sentence)
-    sentence = (
-        f"the views agree about {100 * found.agreed:.0f} % of the cells in which something stands: calibrate the "
-        "cameras"
-    )
+        return Finding("table not found", tuple(names[number] for number in found.wrong), sentence)
+    bad = [pair for pair, share in found.pairs.items() if share < AGREED]
+    alone = [number for number in range(len(names)) if len(bad) > 1 and all(number in pair for pair in bad)]
+    if len(alone) == 1:
+        sentence = "calibrate: what stands on the table has other places and heights here than in the other views"
+        return Finding("views disagree", (names[alone[0]],), sentence)
+    pairs = ", ".join(f"{names[first]} and {names[second]}" for first, second in bad)
+    sentence = f"calibrate: these do not agree about what stands on the table: {pairs}"
     return Finding("views disagree", tuple(names), sentence)

@@ -90,6 +90,11 @@ class Observation:
         views = []
         for number, (rgb, depth, matrix, pose) in enumerate(zip(colors, depths, intrinsics, poses, strict=True)):
             name = f"camera {number}" if names is None else names[number]
+            if not np.issubdtype(np.asarray(depth).dtype, np.floating):
+                raise ValueError(
+                    f"depth of {name!r} must be metres as floating point numbers, got {np.asarray(depth).dtype}; "
+                    "multiply whole numbers by their scale, such as 0.001"
+                )
             measured = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
             raw = RawView(
                 name, np.asarray(rgb), measured, _matrix(np.asarray(matrix).tolist(), 3, f"intrinsics of {name!r}"),
