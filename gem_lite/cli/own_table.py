@@ -21,6 +21,7 @@ from gem_lite.maps import looking
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Policy
 from gem_lite.rgbd import camera_check
+from gem_lite.rgbd.camera_mistakes import cloud
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation, read_raw
 
@@ -79,7 +80,7 @@ class CheckCameras(OwnTable):
         policy = self.load_policy()
         workspace = policy.config.workspace
         findings = camera_check.check(views, workspace)
-        found = camera_check.fit([camera_check.cloud(view) for view in views], workspace)
+        found = camera_check.fit([cloud(view) for view in views], workspace)
         for view, share in zip(views, found.covered, strict=True):
             print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace")
         for (first, second), share in found.pairs.items():
