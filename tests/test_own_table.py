@@ -281,6 +281,12 @@ def test_the_sentences_hold_numbers():
     assert re.search(r"tilted by 0\.[012] degrees and lies (19|20|21) mm from z = 0", finding.sentence)
 
 
+def test_a_camera_without_any_depth_is_named():
+    blind = replace(SHELF[1], depth=np.zeros_like(SHELF[1].depth))
+    (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], Workspace())
+    assert (finding.mistake, finding.cameras) == ("no depth", ("left",))
+
+
 def test_a_table_at_another_height_is_not_explained_by_a_mistake():
     views = [shifted(0, 0, 0.15)(view) for view in SHELF]
     (finding,) = camera_check.check(views, Workspace())

@@ -162,6 +162,9 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
     """
     findings = [_sizes(view) for view in views if view.depth.shape != view.rgb.shape[:2]]
     names = tuple(view.name for view in views)
+    blind = tuple(view.name for view in views if not (view.depth > 0).any())
+    if blind:
+        return [*findings, Finding("no depth", blind, "no pixel has a depth: the depth picture is 0 everywhere")]
     clouds = [cloud(view) for view in views]
     as_given = fit(clouds, workspace)
     if as_given.good:
@@ -171,9 +174,10 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
     if _exchanged(clouds, workspace):
         sentence = "each camera has a pose, but of another camera: exchange them"
         return [*findings, Finding("poses exchanged", names, sentence)]
-    if wrong and (off := [_almost_level(clouds[number], workspace) for number in wrong]) and all(off):
-        sentence = f"calibrate: the table {' and '.join(filter(None, off))}"
-        return [*findings, Finding("calibration", tuple(names[number] for number in wrong), sentence)]
+    off = {names[number]: _almost_level(clouds[number], workspace) for number in wrong}
+    if off and all(off.values()):
+        sentence = "calibrate: the table " + ", ".join(f"{text} (seen by {name})" for name, text in off.items())
+        return [*findings, Finding("calibration", tuple(off), sentence)]
     suspects = [wrong, numbers] if wrong else [numbers, *((number,) for number in numbers)]
     for changing in dict.fromkeys(suspects):
         fits = {name: corrected(clouds, changing, undo, workspace) for name, (undo, _) in CORRECTIONS.items()}
