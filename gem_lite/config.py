@@ -39,7 +39,8 @@ class Config:
 
     Attributes:
         name: the preset from which it was made.
-        table: length of the table (m); it is half as wide.
+        table: length of the table (m); it is half as wide. Its middle is that of the default workspace.
+        rectangle: x_min, x_max, y_min, y_max (m) of a table of another form; then ``table`` has no effect.
         pixel: size of a height map's cell (m).
         angles: how many angles are sampled at the output.
         parser: the name of the reader of instructions (`language.PARSERS`).
@@ -52,7 +53,7 @@ class Config:
             values without an ablation do not.
 
     Raises:
-        ValueError: an unknown ablation, or a value that contradicts an ablation.
+        ValueError: an unknown ablation, a value that contradicts an ablation, or a rectangle that is none.
     """
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
@@ -82,6 +83,7 @@ class Config:
     batch: int = 2
     learning_rate: float = 1e-3
     ablations: tuple[str, ...] = ()
+    rectangle: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         for ending in self.ablations:
@@ -91,6 +93,8 @@ class Config:
                         f"{ending} needs {key} = {value!r}, got {getattr(self, key)!r}: "
                         "it cannot be combined with another ablation or value of the same setting"
                     )
+        if self.rectangle is not None:
+            Workspace.covering(*self.rectangle, pixel=self.pixel)  # It refuses what is no rectangle.
 
     # How training changes a sample, besides moving it. A method whose training does so overrides these by fields.
 
@@ -146,15 +150,23 @@ class Config:
     @property
     def workspace(self) -> Workspace:
         """The workspace at this configuration's resolution."""
-        return Workspace.of_length(self.table, self.pixel)
+        if self.rectangle is None:
+            return Workspace.of_length(self.table, self.pixel)
+        return Workspace.covering(*self.rectangle, pixel=self.pixel)
 
     def on_table(self, length: float) -> Self:
         """This configuration for a table of another length (m), covered by as many pixels."""
         return replace(self, table=length, pixel=self.pixel * length / self.table)
 
     def as_dict(self) -> dict[str, Any]:
-        """The entries as JSON holds them: tuples become lists."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        """The entries as JSON holds them: tuples become lists. A rectangle is an entry only where there is one.
+
+        So the names of all results that were measured before there were rectangles stay as they are.
+        """
+        entries = asdict(self)
+        if self.rectangle is None:
+            del entries["rectangle"]
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in entries.items()}
 
     @property
     def preparation(self) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from gem_lite.files import (
     read_verified,
     write_atomically,
 )
+from gem_lite.recordings import Recording
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
@@ -69,15 +70,52 @@ class DemonstrationStep:
         return language.parse(self.instruction)
 
 
+OWN_WORLD = "own"
+"""The world of demonstrations that were recorded on a table outside this library."""
+
+
 @dataclass(frozen=True)
 class Demonstration:
-    """One expert episode; ``world`` is the name of its world, see `gem_lite.simulation.worlds`."""
+    """One expert episode; ``world`` is the name of its world, see `gem_lite.simulation.worlds`, or `OWN_WORLD`."""
 
     task: str
     split: str
     seed: int
     steps: tuple[DemonstrationStep, ...]
     world: str = "home"
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Demonstration:
+        """One recorded episode: its steps are the folder's subfolders (`Recording.load`), in the order of their names.
+
+        Numbers in names count as numbers: step-2 comes before step-10. The name of the folder above is the task's.
+
+        Raises:
+            FileNotFoundError: there is no such folder, no step in it, or a step lacks a file.
+            ValueError: see `Recording.load`.
+        """
+        folder = Path(folder).resolve()
+        if not folder.is_dir():
+            raise FileNotFoundError(f"{folder} is no folder")
+        parts = sorted((part for part in folder.iterdir() if part.is_dir()), key=natural_order)
+        if not parts:
+            raise FileNotFoundError(f"{folder} holds no recorded episode: there is no folder of a step in it")
+        steps = []
+        for part in parts:
+            recording = Recording.load(part)
+            share = 1 / len(parts)  # The episode is taken as solved, and each step as an equal part of that.
+            steps.append(
+                DemonstrationStep(
+                    quantized(recording.observation), recording.sentence, recording.expert, recording.trace, share
+                )
+            )
+        return cls(folder.parent.name, "train", 0, tuple(steps), OWN_WORLD)
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """A key that sorts names as people do: step-2 before step-10."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
 class DemonstrationSet(FileSequence[Demonstration]):

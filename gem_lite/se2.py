@@ -21,6 +21,10 @@ import torch
 import torch.nn.functional as F
 
 Length = TypeVar("Length", float, np.ndarray)
+CELLS_MULTIPLE = 16
+"""The U-Nets halve a map four times, so its sides must be multiples of this number of cells."""
+LONGEST_SIDE = 5.0
+"""The longest side (m) of a rectangle: a longer one was probably given in other units than metres."""
 
 
 def wrap(angle: float) -> float:
@@ -65,6 +69,29 @@ class Workspace:
     def of_length(cls, length: float, pixel: float = pixel) -> Workspace:
         """A table ``length`` metres long (y) and half as wide (x). Its middle is that of the default workspace."""
         return cls(0.5 - length / 4, 0.5 + length / 4, -length / 2, length / 2, pixel=pixel)
+
+    @classmethod
+    def covering(cls, x_min: float, x_max: float, y_min: float, y_max: float, pixel: float = pixel) -> Workspace:
+        """The smallest workspace with the same middle that holds a rectangle (m) and has the shape that networks need.
+
+        Its height and its width are multiples of `CELLS_MULTIPLE` cells.
+
+        Raises:
+            ValueError: a limit is not below the other; a side is longer than `LONGEST_SIDE`.
+        """
+        sides = {"x": (x_min, x_max), "y": (y_min, y_max)}
+        limits: list[float] = []
+        for axis, (low, high) in sides.items():
+            if not 0 < high - low <= LONGEST_SIDE:
+                raise ValueError(
+                    f"the rectangle's {axis} must go from a smaller number to a larger one, over at most "
+                    f"{LONGEST_SIDE} m, got {low} to {high}"
+                )
+            # The small number keeps 0.5 m / 0.00625 m at 80 cells, in spite of rounding.
+            steps = math.ceil((high - low) / (CELLS_MULTIPLE * pixel) - 1e-6)
+            half = steps * CELLS_MULTIPLE * pixel / 2
+            limits += [(low + high) / 2 - half, (low + high) / 2 + half]
+        return cls(limits[0], limits[1], limits[2], limits[3], pixel=pixel)
 
     @property
     def length(self) -> float:

@@ -11,7 +11,6 @@ import tyro
 from typing_extensions import override
 from tyro.conf import FlagConversionOff, Positional
 
-from gem_lite.cli import names
 from gem_lite.cli.command import Command, ImportingCommand, parse_known
 from gem_lite.config import Config
 from gem_lite.learning import train
@@ -47,11 +46,12 @@ class Train(Method, ImportingCommand):
     examples: ClassVar[tuple[str, ...]] = (
         "gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors",
         "gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/short.safetensors --config.steps 300",
+        "gem-lite train data/foreign-demos runs/mine.safetensors --config.rectangle 0.25 0.75 -0.5 0.5",
     )
     failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, FloatingPointError)
 
     demonstrations: Positional[Path]
-    """folder made by `gem-lite collect`"""
+    """folder made by `gem-lite collect`, or with your own recorded episodes (docs/your_table.md)"""
     checkpoint: Positional[Path]
     """safetensors file to write"""
     episodes: int | None = None
@@ -69,7 +69,8 @@ class Train(Method, ImportingCommand):
     also: tuple[Path, ...] = ()
     """more folders, of other tasks: one policy for all of them (--method gem-multi)"""
     config: Annotated[Config, FlagConversionOff]
-    """The values of the method's configuration; the defaults are the preset's. The task sets the table's length."""
+    """The values of the method's configuration; the defaults are the preset's. The task sets the table's length;
+    --config.rectangle x_min x_max y_min y_max (m) is for a table of your own."""
 
     @override
     @classmethod
@@ -106,4 +107,4 @@ class Train(Method, ImportingCommand):
     @override
     @classmethod
     def more_help(cls) -> str:
-        return names.method_names()
+        return methods.help_text() + "\n"

@@ -16,10 +16,10 @@ from accelerate import Accelerator, PartialState
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import clip, demonstrations, tasks
+from gem_lite import clip, demonstrations, language
 from gem_lite.config import MULTI_TASK, Config
-from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.learning import augment, dataset, mixture
+from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
+from gem_lite.learning import augment, dataset, mixture, recorded
 from gem_lite.learning.dataset import StoredSteps
 from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints
@@ -32,6 +32,8 @@ SAVE_SECONDS = 60
 """The training state is saved after this time (seconds) at the latest."""
 PREPARED = "prepared"
 """The name of the folder of the prepared steps, in the folder of a run."""
+RECORDED = "recorded"
+"""The name of the folder of the demonstrations that were recorded elsewhere, in the folder of a run."""
 LONGEST_PREPARATION = timedelta(days=7)
 """The longest time that the other processes wait for the one that prepares the steps."""
 MAX_GRADIENT_NORM = 1.0
@@ -219,7 +221,8 @@ def prepared_tasks(
 def discard(run: Path) -> None:
     """Remove the files of `train` and `prepared_steps` in ``run``, after the checkpoint is written."""
     (run / STATE_FILE).unlink(missing_ok=True)
-    shutil.rmtree(run / PREPARED, ignore_errors=True)
+    for name in (PREPARED, RECORDED):
+        shutil.rmtree(run / name, ignore_errors=True)
 
 
 def hardware(device: str) -> str:
@@ -237,9 +240,11 @@ def train_from_folder(
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
+        folder: a set of `demonstrations.save`, or recorded episodes (`learning.recorded`).
         also: folders with as many demonstrations of other tasks, for a method with the ending "multi". Every task is
             drawn equally often.
-        settings: the method's configuration. Its table gets the length of the demonstrations' task.
+        settings: the method's configuration. Its table gets the length of the demonstrations' task; recorded episodes
+            keep it, or its rectangle.
         episodes: the number of demonstrations to use, from the first; by default all.
         clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
@@ -258,9 +263,9 @@ def train_from_folder(
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    folders = (folder, *also)
+    folders = _packed((folder, *also), run, settings)
     sets = _demonstrations_of_tasks(folders, episodes, settings)
-    policy = method(settings.on_table(_table_length(sets)), clip.load(clip_name), seed=seed)
+    policy = method(_on_table_of(sets, settings), clip.load(clip_name), seed=seed)
     places = (run, device, shared)
     steps = prepared_tasks(policy, sets, *places) if also else prepared_steps(policy, sets[0], *places)
     cost = train(policy, steps, seed, run, device)
@@ -281,6 +286,21 @@ def train_from_folder(
     return {"method": policy.name, **facts}
 
 
+def _packed(folders: Sequence[Path], run: Path, settings: Config) -> list[Path]:
+    """The folders, with those of recorded episodes replaced by sets in ``run`` that hold the same episodes."""
+    parser = language.PARSERS.find(settings.parser)
+    ready = []
+    with PartialState().main_process_first():
+        for number, folder in enumerate(folders):
+            if not recorded.is_recorded(folder):
+                ready.append(folder)
+                continue
+            into = run / RECORDED / str(number) / folder.resolve().name
+            recorded.pack(folder, into, settings.workspace, parser)
+            ready.append(into)
+    return ready
+
+
 def _demonstrations_of_tasks(
     folders: Sequence[Path], episodes: int | None, settings: Config
 ) -> list[DemonstrationSet]:  # fmt: skip
@@ -298,12 +318,21 @@ def _demonstrations_of_tasks(
     return sets
 
 
-def _table_length(sets: Sequence[DemonstrationSet]) -> float:
-    """The length (m) of the tables of all tasks."""
+def _on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
+    """The configuration for the tables of all demonstrations. Those of one's own table lie on the configuration's."""
+    own = {part[0].world == OWN_WORLD for part in sets}
+    if own == {True}:
+        return settings
+    if True in own or settings.rectangle is not None:
+        raise ValueError(
+            "demonstrations of our tasks cannot have a rectangle, nor be mixed with those of another table"
+        )
+    from gem_lite import tasks  # Only here: it needs the simulator, and one's own table needs none.
+
     lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
     if len(lengths) > 1:
         raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
-    return lengths[0]
+    return settings.on_table(lengths[0])
 
 
 def _data_hash(folders: Sequence[Path], episodes: int | None) -> str:
