@@ -33,9 +33,9 @@ from gem_lite.files import (
     read_verified,
     write_atomically,
 )
-from gem_lite.recordings import Recording
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2
 
 SCHEMA = 3

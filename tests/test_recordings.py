@@ -19,8 +19,8 @@ from gem_lite.learning import recorded
 from gem_lite.maps.crop_memory import step_events
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem_config import GemConfig
-from gem_lite.recordings import Recording
 from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2, Workspace
 
 SCENE = clip.DATA / "foreign-scenes" / "workbench"

@@ -140,9 +140,9 @@ MESHES = (
 )  # fmt: skip
 
 
-def geoms(thing: Thing) -> str:
-    """The shapes of a thing, as MJCF."""
-    look = 'rgba="{} {} {} 1" material="plastic"'.format(*COLORS[thing.color])
+def geoms(thing: Thing, physics: str = "") -> str:
+    """The shapes of a thing, as MJCF. ``physics`` holds more attributes of each."""
+    look = 'rgba="{} {} {} 1" material="plastic" '.format(*COLORS[thing.color]) + physics
     made_of_mesh = {"bowl", "plate", "ring", "star"}
     if thing.kind in made_of_mesh:
         return f'<geom type="mesh" mesh="{thing.kind}" {look}/>'
@@ -159,11 +159,15 @@ def geoms(thing: Thing) -> str:
     raise ValueError(f"unknown kind {thing.kind!r}")
 
 
-def model_of(scene: Scene) -> mujoco.MjModel:
-    """The whole table."""
-    bodies = "".join(
+def still_bodies(scene: Scene) -> str:
+    """The things of a table that never move, as MJCF."""
+    return "".join(
         f'<body pos="{thing.x} {thing.y} 0" euler="0 0 {thing.turn}">{geoms(thing)}</body>' for thing in scene.things
     )
+
+
+def model_of(scene: Scene, bodies: str, more: str = "") -> mujoco.MjModel:
+    """The whole table: ``bodies`` on it, and more sections of the model, both as MJCF."""
     cameras = ""
     for name, (position, target, (height, _), focal) in CAMERAS.items():
         right, up, _ = axes(position, target)
@@ -190,6 +194,7 @@ def model_of(scene: Scene) -> mujoco.MjModel:
     <geom type="plane" size="5 5 0.1" pos="0 0 -0.75" rgba="0.55 0.53 0.50 1"/>
     {bodies}{cameras}
   </worldbody>
+  {more}
 </mujoco>""")
 
 
@@ -202,31 +207,50 @@ def axes(position: tuple, target: tuple) -> np.ndarray:
     return np.stack([right, np.cross(backward, right), backward])
 
 
+def intrinsics(name: str) -> np.ndarray:
+    """(3, 3) of a camera, in pixels."""
+    _, _, (height, width), focal = CAMERAS[name]
+    return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+
+
+def camera_pose(name: str) -> np.ndarray:
+    """(4, 4) of a camera in the table's frame (m): its axes are x to the right, y down, z forward."""
+    position, target, _, _ = CAMERAS[name]
+    right, up, backward = axes(position, target)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, -up, -backward], axis=1)
+    pose[:3, 3] = position
+    return pose.round(9)
+
+
+def picture(renderer: mujoco.Renderer, data: mujoco.MjData, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """What a camera sees: (H, W, 3) uint8 RGB, and (H, W) float32 depth along its axis (m)."""
+    renderer.update_scene(data, name)
+    rgb = renderer.render()
+    renderer.enable_depth_rendering()
+    depth = renderer.render()
+    renderer.disable_depth_rendering()
+    return rgb, depth
+
+
 def write(scene: Scene, folder: Path) -> None:
     """Render a scene and write its folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    model = model_of(scene)
+    model = model_of(scene, still_bodies(scene))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     cameras = []
-    for name, (position, target, (height, width), focal) in CAMERAS.items():
+    for name, (_, _, (height, width), _) in CAMERAS.items():
         with mujoco.Renderer(model, height, width) as renderer:
-            renderer.update_scene(data, name)
-            rgb = renderer.render()
-            renderer.enable_depth_rendering()
-            renderer.update_scene(data, name)
-            depth = renderer.render()
+            rgb, depth = picture(renderer, data, name)
         cv2.imwrite(str(folder / f"{name}.color.png"), rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
         steps = np.round(depth / DEPTH_SCALE)
         steps[steps > 65535] = 0
         cv2.imwrite(str(folder / f"{name}.depth.png"), steps.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        right, up, backward = axes(position, target)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, -up, -backward], axis=1)  # x right, y down, z forward
-        pose[:3, 3] = position
+        (fx, _, cx), (_, fy, cy), _ = intrinsics(name).tolist()
         cameras.append({
             "name": name, "color": f"{name}.color.png", "depth": f"{name}.depth.png", "depth_scale": DEPTH_SCALE,
-            "intrinsics": [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], "pose": pose.round(9).tolist(),
+            "intrinsics": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], "pose": camera_pose(name).tolist(),
         })  # fmt: skip
     (folder / "cameras.json").write_text(json.dumps({"version": 1, "cameras": cameras}, indent=1) + "\n")
     truth = [vars(thing) for thing in scene.things]

@@ -10,7 +10,7 @@ try:
     from gem_lite.cli import errors
     from gem_lite.cli.command import Command, parse
 except ModuleNotFoundError as missing:  # The core group alone is installed: it has no commands.
-    sys.exit(f"gem-lite needs {missing.name}, which the group sim brings: pip install 'gem_lite[sim]'")
+    sys.exit(f"gem-lite needs {missing.name}, which the group table brings: pip install 'gem_lite[table]'")
 
 # Only the module of the subcommand that runs is imported: torch and pybullet take seconds to load, and the help of a
 # command should not wait for packages that the command does not use.

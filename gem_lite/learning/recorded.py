@@ -9,7 +9,7 @@ from pathlib import Path
 from gem_lite import demonstrations, language
 from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import Demonstration, natural_order
-from gem_lite.recordings import ACTION_FILE
+from gem_lite.rgbd.recordings import ACTION_FILE
 from gem_lite.se2 import Workspace
 
 

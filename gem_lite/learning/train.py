@@ -241,10 +241,9 @@ def train_from_folder(
 
     Args:
         folder: a set of `demonstrations.save`, or recorded episodes (`learning.recorded`).
-        also: folders with as many demonstrations of other tasks, for a method with the ending "multi". Every task is
-            drawn equally often.
-        settings: the method's configuration. Its table gets the length of the demonstrations' task; recorded episodes
-            keep it, or its rectangle.
+        also: folders with as many demonstrations of other tasks, each drawn equally often, for a method with the
+            ending "multi".
+        settings: the method's configuration. Recorded episodes keep its table; others set its length.
         episodes: the number of demonstrations to use, from the first; by default all.
         clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
@@ -255,11 +254,9 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; there are several
-            folders and the method has no ending "multi", or the reverse; the folders hold unequal numbers of
-            demonstrations, or tables of different lengths; see also `train`.
-        FloatingPointError: see `train`.
-        OSError: there are no demonstrations, or a file cannot be written; see also `train`.
+        ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; several folders
+            without the ending "multi", or the reverse, with unequal numbers of demonstrations or different tables.
+        FloatingPointError, OSError: see `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")

@@ -1,0 +1,352 @@
+"""A foreign world that acts: MuJoCo's tables of `make_scenes`, and a tool that picks and places by physics.
+
+Nothing here comes from gem_lite. The shapes, colours, lamps and cameras are those of the still scenes. Each episode
+asks for one thing: put the named block into the named bowl. Seeds 0 to 999 are for demonstrations (`TRAIN_SEEDS`),
+those from 10000 are for tests (`TEST_SEEDS`).
+
+    with ForeignWorld() as world:
+        look = world.reset(10_000)
+        pick, place = world.expert()
+        held = world.pick_place(world.on_surface(*pick), world.on_surface(*place))
+        print(world.sentence, world.solved())
+
+All things are free bodies. Bowls are hollow: boxes that are not drawn make their floor and their wall. Mugs, rings,
+stars and cylinders collide as prisms. The tool is a rod with a suction cup. It is not drawn: a robot's arm goes out of
+the way before the cameras look.
+"""
+
+import math
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import mujoco
+import numpy as np
+from make_scenes import CAMERAS, COLORS, SCENES, Scene, Thing, camera_pose, geoms, intrinsics, model_of, picture
+
+TRAIN_SEEDS, TEST_SEEDS = range(1000), range(10_000, 20_000)
+"""Seeds of tables for demonstrations, and of those for tests. None is in both."""
+NAMED = tuple(color for color in COLORS if color not in ("brown", "gray"))
+"""A brown block cannot be told from a table, nor a gray one from a white one: the lamps are bright."""
+X_LIMITS, Y_LIMITS = (0.25, 0.75), (-0.5, 0.5)
+"""The part of the table on which things lie (m)."""
+KINDS = {
+    "block": (0.034, 0.050, 0.06), "bowl": (0.083, 0.090, 0.10), "ball": (0.034, 0.034, 0.06),
+    "mug": (0.073, 0.073, 0.20), "cylinder": (0.028, 0.028, 0.07), "star": (0.055, 0.055, 0.06),
+    "ring": (0.046, 0.046, 0.05),
+}  # fmt: skip
+"""By kind: the radius of a circle around it, the least distance of its middle from the border (m), and its mass (kg);
+of a bowl, that is the mass of its floor."""
+PRISMS = {"bowl": (0.047, 0.005), "mug": (0.038, 0.085), "cylinder": (0.027, 0.070), "star": (0.045, 0.025),
+          "ring": (0.044, 0.032)}  # fmt: skip
+"""By kind: the inner radius and the height (m) of the prism as which it collides; of a bowl, that is the floor."""
+HIDDEN = 'group="3" condim="4"'
+"""The look of shapes that are not drawn, and that things slide and turn with friction."""
+GAP = 0.015
+"""The least distance (m) between two things' circles."""
+INNER = 0.078, 0.052
+"""The radius of a bowl's rim on its inner side, and its height above the table (m)."""
+HOME = 0.32
+"""The tool's tip travels at this height above the table (m)."""
+SUCTION, CLEAR = 0.010, 0.001
+"""The cup holds a thing whose surface is at most this far (m) below the tip; the tip stops this far (m) above it."""
+REST = 0.004
+"""A thing rests if it is slower (m/s, and ten times as many rad/s)."""
+FARTHEST = 5.0
+"""A depth camera reaches as far (m)."""
+DRAWN = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+"""The groups of geometries that are drawn. Only they stop a ray: the hidden ones are rougher."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the cameras see, one entry of each list for each camera.
+
+    Attributes:
+        colors: (H, W, 3) uint8 RGB.
+        depths: (H, W) float32 metres along the camera's axis; 0 beyond `FARTHEST`.
+        intrinsics: (3, 3) pixels.
+        poses: (4, 4) from the camera's axes (x right, y down, z forward) to the table's frame (m).
+        names: of the cameras.
+    """
+
+    colors: list[np.ndarray]
+    depths: list[np.ndarray]
+    intrinsics: list[np.ndarray]
+    poses: list[np.ndarray]
+    names: list[str]
+
+
+def tool_pose(x: float, y: float, yaw: float, z: float) -> np.ndarray:
+    """(4, 4) pose of a tool that points down to the table (metres, radians)."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([[cos, sin, 0, x], [sin, -cos, 0, y], [0, 0, -1, z], [0, 0, 0, 1.0]])
+
+
+def random_scene(seed: int) -> Scene:
+    """The table of a seed. Its first thing is the named block, its second the named bowl."""
+    rng = np.random.default_rng(seed)
+    blocks, bowls = rng.permutation(NAMED)[: rng.integers(2, 5)], rng.permutation(NAMED)[: rng.integers(2, 4)]
+    others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)]
+    kinds = [(blocks[0], "block"), (bowls[0], "bowl"), *((c, "block") for c in blocks[1:])]
+    kinds += [(c, "bowl") for c in bowls[1:]] + [(rng.choice(NAMED), kind) for kind in others]
+    kinds = [(str(color), str(kind)) for color, kind in kinds]
+    table = np.array(SCENES[rng.integers(len(SCENES))].table) + rng.uniform(-0.02, 0.02)
+    lamp = np.array(SCENES[rng.integers(len(SCENES))].lamp) + rng.uniform(-0.1, 0.1, 3)
+    while (things := _spread(kinds, rng)) is None:
+        pass
+    return Scene(f"seed {seed}", tuple(table.round(4).tolist()), tuple(lamp.round(4).tolist()), tuple(things))
+
+
+def _spread(kinds: list[tuple[str, str]], rng: np.random.Generator) -> list[Thing] | None:
+    """Things at random places, none touching another; None if one found no place. Large ones choose first."""
+    placed: dict[int, Thing] = {}
+    for number in sorted(range(len(kinds)), key=lambda number: -KINDS[kinds[number][1]][0]):
+        color, kind = kinds[number]
+        radius, border, _ = KINDS[kind]
+        for _ in range(200):
+            x = rng.uniform(X_LIMITS[0] + border, X_LIMITS[1] - border)
+            y = rng.uniform(Y_LIMITS[0] + border, Y_LIMITS[1] - border)
+            if all(math.hypot(x - t.x, y - t.y) >= radius + KINDS[t.kind][0] + GAP for t in placed.values()):
+                placed[number] = Thing(color, kind, round(x, 5), round(y, 5), round(rng.uniform(-180, 180), 3))
+                break
+        else:
+            return None
+    return [placed[number] for number in range(len(kinds))]
+
+
+def prism(kind: str, mass: float) -> str:
+    """The prism of four crossed boxes as which a thing collides, as MJCF. (Cylinders and hulls tremble on a box.)"""
+    radius, height = PRISMS[kind]
+    size = f"{radius} {radius * math.tan(math.pi / 8):.5f} {height / 2}"
+    look = f'size="{size}" pos="0 0 {height / 2}" mass="{mass / 4}" {HIDDEN}'
+    return f'<replicate count="4" euler="0 0 45"><geom type="box" {look}/></replicate>'
+
+
+def bowl_wall(mass: float = 0.15, steps: int = 24) -> str:
+    """The wall with which a bowl collides, as MJCF: two rings of boxes."""
+    wall = ""
+    # The inner side of the wall from below to above, as (radius, height), and how thick it is.
+    for (r0, z0), (r1, z1), thick in (((0.045, 0.006), (0.066, 0.024), 0.0075), ((0.066, 0.024), INNER, 0.0045)):
+        length = math.hypot(r1 - r0, z1 - z0)
+        slope_r, slope_z = (r1 - r0) / length, (z1 - z0) / length
+        r, z = (r0 + r1) / 2 + slope_z * thick / 2, (z0 + z1) / 2 - slope_r * thick / 2
+        size = f"{length / 2:.5f} {r1 * math.tan(math.pi / steps):.5f} {thick / 2:.5f}"
+        pose = f'pos="{r:.5f} 0 {z:.5f}" xyaxes="{slope_r:.5f} 0 {slope_z:.5f} 0 1 0"'
+        look = f'size="{size}" {pose} mass="{mass / (2 * steps):.6f}" {HIDDEN}'
+        wall += f'<replicate count="{steps}" euler="0 0 {360 / steps}"><geom type="box" {look}/></replicate>'
+    return wall
+
+
+def free_body(number: int, thing: Thing) -> str:
+    """A thing that moves, as MJCF."""
+    mass = KINDS[thing.kind][2]
+    if thing.kind in PRISMS:
+        shapes = geoms(thing, 'contype="0" conaffinity="0" mass="0"') + prism(thing.kind, mass)
+        shapes += bowl_wall() if thing.kind == "bowl" else ""
+    else:
+        rolls = 'condim="6" friction="0.8 0.005 0.002"' if thing.kind == "ball" else 'condim="4"'
+        shapes = geoms(thing, f'{rolls} mass="{mass}"')
+    pose = f'pos="{thing.x} {thing.y} 0" euler="0 0 {thing.turn}"'
+    return f'<body name="thing{number}" {pose}><freejoint/>{shapes}</body>'
+
+
+def moving_model(scene: Scene) -> mujoco.MjModel:
+    """The table with its things as free bodies, a tool, and a weld between the tool and each thing that is off."""
+    bodies = "".join(free_body(number, thing) for number, thing in enumerate(scene.things))
+    rod = '<geom type="capsule" size="0.005 0.05" pos="0 0 -0.055" group="3"/>'
+    tool = f'<body name="tool" mocap="true" pos="0.5 0 {HOME}" quat="0 1 0 0">{rod}</body>'
+    welds = "".join(f'<weld body1="tool" body2="thing{number}" active="false"/>' for number in range(len(scene.things)))
+    option = '<option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="5"/>'
+    return model_of(scene, bodies + tool, f"{option}<equality>{welds}</equality>")
+
+
+class ForeignWorld(AbstractContextManager):
+    """A table of MuJoCo on which a tool picks and places. Call `reset` first, and `close` at the end.
+
+    Attributes:
+        scene: the table as it was laid: its first thing is the named block, its second the named bowl.
+        held: the number of the thing that the tool holds; None if it holds nothing.
+    """
+
+    def __init__(self) -> None:
+        self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what rendering holds."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers = {}
+
+    def reset(self, seed: int) -> Look:
+        """Lay the table of a seed, let all come to rest, and look."""
+        self.lay(random_scene(seed))
+        return self.look()
+
+    def lay(self, scene: Scene) -> None:
+        """Lay a table: its first thing is the named block, its second the named bowl. Nothing is rendered."""
+        if [thing.kind for thing in scene.things[:2]] != ["block", "bowl"]:
+            raise ValueError("the first thing must be the named block, and the second the named bowl")
+        self.close()
+        self.scene, self.held = scene, None
+        self._model = moving_model(scene)
+        self._data = mujoco.MjData(self._model)
+        self.settle()
+
+    def look(self) -> Look:
+        """What the cameras see now."""
+        colors, depths = [], []
+        for name, (_, _, size, _) in CAMERAS.items():
+            if size not in self._renderers:
+                self._renderers[size] = mujoco.Renderer(self._model, *size)
+            rgb, depth = picture(self._renderers[size], self._data, name)
+            colors.append(rgb)
+            depths.append(np.where(depth < FARTHEST, depth, np.float32(0)))
+        return Look(colors, depths, list(map(intrinsics, CAMERAS)), list(map(camera_pose, CAMERAS)), list(CAMERAS))
+
+    @property
+    def sentence(self) -> str:
+        """What the episode asks for."""
+        block, bowl = self.scene.things[:2]
+        return f"put the {block.color} block in the {bowl.color} bowl"
+
+    def pose(self, number: int) -> np.ndarray:
+        """(4, 4) true pose of a thing (m). Its origin is where its middle touches the table."""
+        pose, body = np.eye(4), self._data.body(f"thing{number}")
+        pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+        return pose
+
+    def expert(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The true pick and place: (x, y, yaw) in metres and radians. The block is not turned."""
+        block, bowl = self.pose(0), self.pose(1)
+        yaw = (math.atan2(block[1, 0], block[0, 0]) + math.pi / 4) % (math.pi / 2) - math.pi / 4
+        x, y, _ = (block @ [0, 0, 0.024, 1])[:3]
+        return (float(x), float(y), yaw), (float(bowl[0, 3]), float(bowl[1, 3]), yaw)
+
+    def on_surface(self, x: float, y: float, yaw: float) -> np.ndarray:
+        """(4, 4) pose of a tool that touches what truly lies at a place (metres, radians)."""
+        return tool_pose(x, y, yaw, HOME - self._below(np.array([x, y, HOME]))[0])
+
+    def solved(self) -> bool:
+        """Whether no tool holds the named block, and it rests with its centre below and within the bowl's rim."""
+        bowl = self.pose(1)
+        x, y, z = (np.linalg.inv(bowl) @ self.pose(0) @ [0, 0, 0.024, 1])[:3]
+        inside = math.hypot(x, y) < INNER[0] and 0 < z < INNER[1] and bowl[2, 2] > 0.95
+        return bool(inside and self.held != 0 and self._speed(0) < 5 * REST)
+
+    def pick_place(self, pick: np.ndarray, place: np.ndarray) -> bool:
+        """Pick and place with the tool, until all things rest.
+
+        The tool goes down to the pick's height, or to what it meets before. Its cup holds what is at most `SUCTION`
+        below. It carries that to the place, turned by the difference of the yaws, and lowers it until it touches
+        something or stands at the place's height. The tool takes its thing to have stood on the table.
+
+        Args:
+            pick, place: (4, 4) tool poses in the table's frame (m). Only the translation and the yaw matter. The height
+                is that of the surface below the tool.
+
+        Returns:
+            Whether the tool held something.
+        """
+        (pick_x, pick_y, pick_z), pick_yaw = _planar(pick, "pick")
+        (place_x, place_y, place_z), place_yaw = _planar(place, "place")
+        self._data.mocap_pos[0] = pick_x, pick_y, HOME
+        self._data.mocap_quat[0] = _down(pick_yaw)
+        self._move((pick_x, pick_y, pick_z + CLEAR), pick_yaw, 0.25, self._meets)
+        tip = self._data.mocap_pos[0].copy()
+        self.held = self._suck()
+        self._move((tip[0], tip[1], HOME), pick_yaw, 0.25)
+        picked = self.held is not None
+        if picked:
+            turn = (place_yaw - pick_yaw + math.pi) % (2 * math.pi) - math.pi
+            self._move((place_x, place_y, HOME), pick_yaw + turn, 0.4)
+            name = f"thing{self.held}"
+            carried = self._contacts(name)
+            # A little lower than the map says, so that it is the touch that ends the way down.
+            goal = (place_x, place_y, place_z + tip[2] - 0.003)
+            self._move(goal, pick_yaw + turn, 0.12, lambda: bool(self._contacts(name) - carried))
+            self._data.eq_active[self.held], self.held = 0, None
+            self._move((place_x, place_y, HOME), pick_yaw + turn, 0.25)
+        self.settle()
+        return picked
+
+    def settle(self, longest: float = 4.0) -> None:
+        """Let physics run until all things rest for a tenth of a second, or ``longest`` seconds have passed."""
+        calm = 0
+        for _ in range(int(longest / self._model.opt.timestep)):
+            mujoco.mj_step(self._model, self._data)
+            calm = calm + 1 if max(map(self._speed, range(len(self.scene.things)))) < REST else 0
+            if calm >= 50:
+                return
+
+    def _speed(self, number: int) -> float:
+        """A thing's speed (m/s); a tenth of its turning (rad/s) if that is more."""
+        velocity = self._data.qvel[6 * number : 6 * number + 6]
+        return max(float(np.linalg.norm(velocity[:3])), 0.1 * float(np.linalg.norm(velocity[3:])))
+
+    def _move(self, goal: tuple[float, ...], yaw: float, speed: float, stop: Callable[[], bool] = bool) -> None:
+        """Drive the tool's tip to a place (m) in a straight line, at most ``speed`` m/s, or until ``stop``."""
+        start, quat = self._data.mocap_pos[0].copy(), self._data.mocap_quat[0].copy()
+        start_yaw = 2 * math.atan2(quat[2], quat[1])
+        turn = (yaw - start_yaw + math.pi) % (2 * math.pi) - math.pi
+        seconds = 1.5 * max(math.dist(start, goal) / speed, abs(turn) / 2.0)
+        steps = max(1, math.ceil(seconds / self._model.opt.timestep))
+        for step in range(1, steps + 1):
+            if stop():
+                return
+            share = step / steps
+            share *= share * (3 - 2 * share)  # starts and ends at rest
+            self._data.mocap_pos[0] = start + share * (np.array(goal) - start)
+            self._data.mocap_quat[0] = _down(start_yaw + share * turn)
+            mujoco.mj_step(self._model, self._data)
+
+    def _below(self, point: np.ndarray) -> tuple[float, int]:
+        """How far below a point (m) the next surface is, and the body that has it."""
+        geom = np.zeros(1, np.int32)
+        down, tool = np.array([0.0, 0.0, -1.0]), self._model.body("tool").id
+        far = mujoco.mj_ray(self._model, self._data, point, down, DRAWN, 1, tool, geom)
+        return (float(far), int(self._model.geom_bodyid[geom[0]])) if geom[0] >= 0 else (math.inf, 0)
+
+    def _meets(self) -> bool:
+        """Whether the tool's tip is just above a surface, or touches one."""
+        return self._below(self._data.mocap_pos[0])[0] <= 1.5 * CLEAR or bool(self._contacts("tool"))
+
+    def _suck(self) -> int | None:
+        """Hold the thing below the tip, as it lies. Returns its number."""
+        mujoco.mj_forward(self._model, self._data)
+        far, body = self._below(self._data.mocap_pos[0])
+        number = body - self._model.body("thing0").id
+        if far > SUCTION or not 0 <= number < len(self.scene.things):
+            return None
+        tool, thing = self._data.body("tool"), self._data.body(body)
+        quat = np.zeros(4)
+        mujoco.mju_mulQuat(quat, tool.xquat * [1, -1, -1, -1], thing.xquat)
+        place = tool.xmat.reshape(3, 3).T @ (thing.xpos - tool.xpos)
+        self._model.eq_data[number, :10] = [0, 0, 0, *place, *quat]
+        self._data.eq_active[number] = 1
+        return number
+
+    def _contacts(self, name: str) -> set[int]:
+        """The bodies that touch a body."""
+        pairs = self._model.geom_bodyid[self._data.contact.geom]
+        own = self._model.body(name).id
+        return {int(body) for pair in pairs if own in pair for body in pair if body != own}
+
+
+def _down(yaw: float) -> np.ndarray:
+    """(4,) quaternion (w first) of a tool that points down."""
+    return np.array([0.0, math.cos(yaw / 2), math.sin(yaw / 2), 0.0])
+
+
+def _planar(pose: np.ndarray, name: str) -> tuple[tuple[float, float, float], float]:
+    """The place (m) and the yaw (radians) of a tool's pose."""
+    pose = np.asarray(pose, float)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"{name} must be a (4, 4) pose of finite numbers, got {pose.tolist()}")
+    return (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])), math.atan2(pose[1, 0], pose[0, 0])

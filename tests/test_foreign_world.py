@@ -1,0 +1,243 @@
+"""The foreign world that acts (data/foreign-scenes/foreign_world.py): physics decides, and the pictures are right."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from gem_lite import clip
+from gem_lite.rgbd import camera_check
+from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.rgbd.observation import Observation, read_raw
+from gem_lite.se2 import Workspace, wrap
+
+sys.path.insert(0, str(clip.DATA / "foreign-scenes"))
+import foreign_world  # before mujoco: it chooses the renderer that needs no screen
+from make_scenes import Scene, Thing
+
+BLOCK, BOWL = (0.40, -0.25), (0.50, 0.20)
+PLAIN = Scene("plain", (0.36, 0.30, 0.24), (0.2, 0.5, 1.6), (
+    Thing("red", "block", *BLOCK, 20), Thing("blue", "bowl", *BOWL), Thing("green", "block", 0.62, -0.35, 50),
+    Thing("yellow", "bowl", 0.64, -0.08), Thing("orange", "mug", 0.36, 0.0, 140),
+))  # fmt: skip
+SEED = foreign_world.TEST_SEEDS[0]
+MIDDLE = np.array([0, 0, 0.024, 1.0])
+CORNERS = np.array([[x, y, z, 1.0] for x in (-0.024, 0.024) for y in (-0.024, 0.024) for z in (0, 0.048)])
+
+
+@pytest.fixture
+def world():
+    with foreign_world.ForeignWorld() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def looked():
+    """A table and what its cameras see; no test may change it."""
+    with foreign_world.ForeignWorld() as made:
+        yield made, made.reset(SEED)
+
+
+def observe(look):
+    return Observation.from_arrays(look.colors, look.depths, look.intrinsics, look.poses, look.names)
+
+
+def poses(world):
+    return [world.pose(number) for number in range(len(world.scene.things))]
+
+
+def middle(world):
+    """The named block's middle (m)."""
+    return (world.pose(0) @ MIDDLE)[:3]
+
+
+def play(world, pick, place):
+    return world.pick_place(world.on_surface(*pick), world.on_surface(*place))
+
+
+def put(world, number, x, y, z):
+    """Set a thing somewhere by hand, at rest."""
+    world._data.qpos[7 * number : 7 * number + 7] = x, y, z, 1, 0, 0, 0
+    world._data.qvel[:] = 0
+    foreign_world.mujoco.mj_forward(world._model, world._data)
+
+
+# Tables and pictures.
+
+
+def test_the_world_uses_nothing_of_gem_lite():
+    for name in ("foreign_world.py", "make_scenes.py"):
+        lines = (clip.DATA / "foreign-scenes" / name).read_text().splitlines()
+        assert not [line for line in lines if line.strip().startswith(("import ", "from ")) and "gem_lite" in line]
+
+
+def test_tables_are_as_described():
+    assert not set(foreign_world.TRAIN_SEEDS) & set(foreign_world.TEST_SEEDS)
+    counts = set()
+    for seed in [*foreign_world.TRAIN_SEEDS[:100], *foreign_world.TEST_SEEDS[:100]]:
+        things = foreign_world.random_scene(seed).things
+        colors = {kind: [t.color for t in things if t.kind == kind] for kind in ("block", "bowl")}
+        assert all(len(set(found)) == len(found) for found in colors.values())
+        others = len(things) - len(colors["block"]) - len(colors["bowl"])
+        counts.add((len(colors["block"]), len(colors["bowl"]), others))
+        for number, one in enumerate(things):
+            radius, border, _ = foreign_world.KINDS[one.kind]
+            assert 0.25 + border <= one.x <= 0.75 - border and abs(one.y) <= 0.5 - border
+            for other in things[:number]:
+                distance = math.hypot(one.x - other.x, one.y - other.y)
+                assert distance > radius + foreign_world.KINDS[other.kind][0]
+    assert counts == {(blocks, bowls, others) for blocks in (2, 3, 4) for bowls in (2, 3) for others in (0, 1, 2)}
+
+
+def test_the_same_seed_gives_the_same_pictures(looked, world):
+    _, first = looked
+    again, other = world.reset(SEED), world.reset(SEED + 1)
+    for before, after in ((first.colors, again.colors), (first.depths, again.depths)):
+        assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+    assert not np.array_equal(first.colors[0], other.colors[0])
+
+
+def test_looking_changes_nothing(looked):
+    world, first = looked
+    assert np.array_equal(world.look().colors[1], first.colors[1])
+    assert [image.shape for image in first.colors] == [(480, 640, 3), (360, 640, 3), (480, 640, 3)]
+    assert all(depth.shape == rgb.shape[:2] for depth, rgb in zip(first.depths, first.colors, strict=True))
+    assert {image.dtype for image in first.colors} == {np.dtype(np.uint8)}
+    assert {image.dtype for image in first.depths} == {np.dtype(np.float32)}
+
+
+@pytest.mark.parametrize("seed", [SEED, SEED + 1, foreign_world.TRAIN_SEEDS[0]])
+def test_pictures_keep_the_conventions_of_an_observation(seed, world, tmp_path):
+    observation = observe(world.reset(seed))
+    workspace = Workspace()
+    heightmap = fuse_views(observation.views, workspace)
+    rows, cols = np.indices(workspace.shape)
+    x, y = workspace.to_world(rows, cols)
+    for number, thing in enumerate(world.scene.things):
+        if thing.kind == "block":
+            true = world.pose(number)[:3, 3]
+            near = np.hypot(x - true[0], y - true[1]) < 0.03
+            assert abs(heightmap.height[near].max() - 0.048) < 0.004
+    observation.save(tmp_path / "scene")
+    assert camera_check.check(read_raw(tmp_path / "scene"), workspace) == []
+
+
+# Acting.
+
+
+def test_the_expert_solves_by_physics(world):
+    solved = 0
+    for seed in foreign_world.TEST_SEEDS[:20]:
+        world.lay(foreign_world.random_scene(seed))
+        assert not world.solved()
+        solved += play(world, *world.expert()) and world.solved()
+    assert solved >= 19
+
+
+def test_heights_of_a_map_are_good_enough(world):
+    workspace = Workspace()
+    heightmap = fuse_views(observe(world.reset(SEED)).views, workspace)
+    ends = []
+    for x, y, yaw in world.expert():
+        row, col = workspace.to_pixel(x, y)
+        ends.append(foreign_world.tool_pose(x, y, yaw, float(heightmap.height[round(row), round(col)])))
+    assert world.pick_place(*ends) and world.solved()
+
+
+def test_only_the_picked_thing_moves(world):
+    world.lay(PLAIN)
+    before = poses(world)
+    assert play(world, *world.expert())
+    for number, (old, new) in enumerate(zip(before, poses(world), strict=True)):
+        assert (np.linalg.norm(new[:3, 3] - old[:3, 3]) > 0.1) == (number == 0)
+
+
+@pytest.mark.parametrize("height", [0.0, -0.02, 0.03])
+def test_an_empty_pick_holds_nothing(height, world):
+    world.lay(PLAIN)
+    before = poses(world)
+    assert not world.pick_place(foreign_world.tool_pose(0.5, -0.15, 0, height), world.on_surface(*BOWL, 0))
+    assert np.allclose(before, poses(world), atol=1e-3) and world.held is None and not world.solved()
+
+
+def test_a_tool_that_stays_too_high_holds_nothing(world):
+    world.lay(PLAIN)
+    low, high = (foreign_world.tool_pose(*BLOCK, 0, height) for height in (0.055, 0.062))
+    assert not world.pick_place(high, world.on_surface(*BOWL, 0))
+    assert world.pick_place(low, world.on_surface(*BOWL, 0)) and world.solved()
+
+
+def test_the_cup_takes_what_is_on_top(world):
+    world.lay(PLAIN)
+    put(world, 2, *BLOCK, 0.048)
+    world.settle()
+    assert play(world, (*BLOCK, 0.0), (0.40, 0.38, 0.0))
+    assert math.dist(world.pose(2)[:2, 3], (0.40, 0.38)) < 0.01, "the upper block"
+    assert math.dist(world.pose(0)[:2, 3], BLOCK) < 0.01, "not the lower one"
+
+
+@pytest.mark.parametrize("turn", [-2.5, -0.7, 0.4, 1.5, 3.0])
+def test_the_place_turns_the_block(turn, world):
+    world.lay(PLAIN)
+    old = world.pose(0)
+    assert play(world, (*BLOCK, 0.3), (0.40, 0.38, 0.3 + turn))
+    new = world.pose(0)
+    turned = math.atan2(new[1, 0], new[0, 0]) - math.atan2(old[1, 0], old[0, 0])
+    assert abs(wrap(turned - turn)) < math.radians(5)
+    assert math.dist(new[:2, 3], (0.40, 0.38)) < 0.005 and abs(new[2, 3]) < 0.002 and new[2, 2] > 0.999
+
+
+def test_a_bowl_is_carried_with_what_lies_in_it(world):
+    world.lay(PLAIN)
+    assert play(world, *world.expert()) and world.solved()
+    x, y = BOWL
+    assert play(world, (x + 0.07, y, 0.0), (0.42, -0.20, 1.0))
+    assert math.dist(world.pose(1)[:2, 3], BOWL) > 0.3 and world.solved()
+
+
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_the_wrong_block_or_bowl_does_not_count(wrong, world):
+    world.lay(PLAIN)
+    pick, place = world.expert()
+    other = (*world.pose(3)[:2, 3], 0.0)
+    assert play(world, pick if wrong else (0.62, -0.35, 0.0), other if wrong else place)
+    assert not world.solved()
+
+
+def test_beside_the_bowl_is_not_solved(world):
+    world.lay(PLAIN)
+    assert play(world, world.expert()[0], (BOWL[0], BOWL[1] + 0.13, 0.0))
+    assert not world.solved() and abs(middle(world)[2] - 0.024) < 0.002
+
+
+def test_a_block_on_the_rim_counts_only_when_it_has_fallen_in(world):
+    outcomes = []
+    for offset in (0.06, 0.075, 0.08, 0.085, 0.09):
+        world.lay(PLAIN)
+        assert play(world, world.expert()[0], (BOWL[0] + offset, BOWL[1], 0.0))
+        corners = (np.linalg.inv(world.pose(1)) @ world.pose(0) @ CORNERS.T)[:3]
+        inside = np.hypot(*corners[:2]).max() < 0.09 and corners[2].min() < 0.03
+        assert world.solved() == inside
+        outcomes.append(inside)
+    assert set(outcomes) == {True, False}
+
+
+def test_at_the_height_of_the_rim_is_not_inside(world):
+    world.lay(PLAIN)
+    put(world, 0, BOWL[0] + 0.05, BOWL[1], 0.052)
+    assert not world.solved()
+    put(world, 0, *BOWL, 0.007)
+    assert world.solved()
+    world._data.qvel[2] = 0.5
+    assert not world.solved(), "it moves"
+    world._data.qvel[:] = 0
+    world.held = 0
+    assert not world.solved(), "a tool holds it"
+
+
+@pytest.mark.parametrize("pose", [np.eye(3), np.full((4, 4), np.nan)])
+def test_what_is_no_pose_is_refused(pose, world):
+    world.lay(PLAIN)
+    with pytest.raises(ValueError, match=r"place must be a \(4, 4\) pose"):
+        world.pick_place(np.eye(4), pose)

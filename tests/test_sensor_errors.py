@@ -1,0 +1,286 @@
+"""The erring depth camera is as bad as the sources say, in no other way, and the same each time."""
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+import pytest
+
+from gem_lite.rgbd import sensor_errors
+from gem_lite.rgbd.camera import Camera, View, camera_looking_at
+from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units, only
+
+SIZE = (480, 640)
+CAMERA = Camera.pinhole("wall", (0, 0, 0), (0, 0, 0, 1), SIZE)
+LAW = CAMERA.focal * NOMINAL.baseline  # pixels times metres
+DISPARITY = ("disparity_noise", "static_warp", "unit_bias")
+
+
+def observed(depth, camera=CAMERA, grey=128):
+    rgb = np.full((*camera.size, 3), grey, np.uint8)
+    return Observation((View(camera, rgb, np.broadcast_to(depth, camera.size).astype(np.float32)),))
+
+
+def corrupted(observation, errors, seed=0):
+    units = draw_units(observation, errors, np.random.default_rng(seed))
+    return corrupt(observation, units, np.random.default_rng(seed + 1))
+
+
+def wall(z, errors, seed=0, frames=1):
+    """The depth of a flat wall, mean over frames of one unit."""
+    seen = observed(z)
+    units = draw_units(seen, errors, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed + 1)
+    return np.mean([corrupt(seen, units, rng).views[0].depth for _ in range(frames)], axis=0, dtype=float)
+
+
+def plane_rms(depth):
+    """Residual (m) of the plane that fits best, in the middle quarter of a picture."""
+    part = depth[180:300, 240:400]
+    row, col = np.indices(part.shape)
+    columns = np.column_stack([row.ravel(), col.ravel(), np.ones(part.size)])
+    fit, *_ = np.linalg.lstsq(columns, part.ravel(), rcond=None)
+    return float(np.std(part.ravel() - columns @ fit))
+
+
+def with_fields(*names, of=NOMINAL):
+    return SensorErrors(**{name: getattr(of, name) for name in names})
+
+
+@pytest.mark.parametrize("z", [0.5, 1.0, 1.5])
+def test_a_flat_wall_is_as_rough_as_the_stereo_law_says(z):
+    errors = with_fields("disparity_noise", "static_warp", "unit_bias", "disparity_step", "depth_step")
+    law = z**2 * NOMINAL.disparity_noise / LAW
+    rms = np.sqrt(np.mean([plane_rms(wall(z, errors, seed)) ** 2 for seed in range(4)]))
+    assert law / 2 < rms < 2 * law
+
+
+def test_averaging_frames_leaves_the_warp_and_the_bias():
+    errors = with_fields(*DISPARITY)
+    mean = LAW / wall(1.0, errors, frames=30)
+    (unit,) = draw_units(observed(1.0), errors, np.random.default_rng(0))
+    truth = LAW + unit.offset
+    assert np.std(mean - truth) < 0.3 * NOMINAL.disparity_noise
+    assert np.std(mean) > 0.5 * NOMINAL.static_warp
+    single = LAW / wall(1.0, errors) - truth
+    assert np.std(single) == pytest.approx(NOMINAL.disparity_noise, rel=0.05)
+
+
+def test_half_the_noise_is_alike_in_neighbours():
+    noise = wall(1.0, with_fields("disparity_noise"))
+    noise = noise - noise.mean()
+    neighbours = np.mean(noise[:, 1:] * noise[:, :-1]) / np.var(noise)
+    assert 0.3 < neighbours < 0.55
+    assert abs(np.mean(noise[:, 12:] * noise[:, :-12]) / np.var(noise)) < 0.05
+
+
+def test_units_have_the_bias_and_the_warp_that_their_errors_name():
+    errors = with_fields("static_warp", "unit_bias")
+    found = [draw_units(observed(1.0), errors, np.random.default_rng(seed))[0].offset for seed in range(60)]
+    expected = math.hypot(errors.static_warp, errors.unit_bias)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.parametrize(("front", "behind"), [(0.5, 0.05), (0.5, 0.2), (1.0, 0.05), (1.0, 0.2)])
+def test_holes_beside_an_edge_are_as_wide_as_the_baseline_makes_them(front, behind):
+    depth = np.full(SIZE, front + behind)
+    depth[100:300, 200:400] = front
+    (view,) = corrupted(observed(depth), SensorErrors(occlusion=True)).views
+    width = LAW * (1 / front - 1 / (front + behind))
+    hole = view.depth[200] == 0
+    assert abs(hole[100:400].sum() - width) <= 1
+    assert hole[200 - math.floor(width) : 200].all() and not hole[200:].any()
+    assert abs(hole[:100].sum() - LAW / (front + behind)) <= 1  # the band at the left border
+    assert not (view.depth[50] == 0)[100:].any()
+
+
+def test_too_near_is_unseen():
+    near = LAW / sensor_errors.SEARCH
+    for z, share in ((0.99 * near, 1.0), (1.01 * near, None)):
+        found = (corrupted(observed(z), SensorErrors(occlusion=True)).views[0].depth == 0)[:, 200:].mean()
+        assert found == (share or 0.0)
+
+
+def table_view(camera):
+    """Depth of the plane z = 0."""
+    rays = View(camera, np.zeros((*camera.size, 3), np.uint8), np.ones(camera.size, np.float32)).points()
+    fall = camera.position[2] - rays[..., 2]
+    depth = np.where(fall > 0.05, camera.position[2] / np.maximum(fall, 0.05), 0).astype(np.float32)
+    return View(camera, np.full((*camera.size, 3), 128, np.uint8), depth)
+
+
+def disagreement(errors, seed):
+    """RMS distance (m) between where two cameras see the same piece (20 mm) of a table, 1 m away."""
+    places = ((1.0, 0.0, 0.75), (0.0, 0.5, 0.75))
+    cameras = [camera_looking_at(str(number), place, (0.5, 0.0, 0.0)) for number, place in enumerate(places)]
+    clean = Observation(tuple(table_view(camera) for camera in cameras))
+    shifts = []
+    for view, bad in zip(clean.views, corrupted(clean, errors, seed).views, strict=True):
+        true, found = view.points(), bad.points()
+        inside = (bad.depth > 0) & (abs(true[..., 0] - 0.5) < 0.2) & (abs(true[..., 1]) < 0.3)
+        cell = ((true[inside][:, :2] - (0.3, -0.3)) // 0.02).astype(int)
+        index = cell[:, 0] * 30 + cell[:, 1]
+        count = np.bincount(index, minlength=600)
+        error = (found - true)[inside]
+        sums = [np.bincount(index, weights=error[:, axis], minlength=600) for axis in range(3)]
+        shifts.append(np.stack(sums, axis=-1)[:600] / np.maximum(count, 1)[:600, None])
+    return float(np.sqrt(np.mean(np.sum((shifts[0] - shifts[1]) ** 2, axis=-1))))
+
+
+def test_two_cameras_disagree_as_real_ones_do():
+    nominal = np.mean([disagreement(NOMINAL, seed) for seed in range(12)])
+    assert 0.005 < nominal < 0.015
+    assert disagreement(SensorErrors(), 0) == 0.0
+
+
+def test_no_errors_change_nothing():
+    seen = Observation((*observed(0.7).views, table_view(camera_looking_at("t", (1, 0, 0.75), (0.5, 0, 0)))))
+    for before, after in zip(seen.views, corrupted(seen, SensorErrors()).views, strict=True):
+        assert after.camera == before.camera
+        assert np.array_equal(after.depth, before.depth) and np.array_equal(after.rgb, before.rgb)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_changes_its_own_part_only(kind):
+    seen = observed(np.where(np.indices(SIZE)[1] < 320, 0.7, 1.0))
+    (before,), (after,) = seen.views, corrupted(seen, only(kind)).views
+    assert (after.camera == before.camera) == (kind not in ("rotation", "position"))
+    assert np.array_equal(after.rgb, before.rgb) == (kind != "color")
+    assert np.array_equal(after.depth, before.depth) == (kind in ("rotation", "position", "color"))
+
+
+def test_the_same_seeds_give_the_same_pictures():
+    seen = observed(np.where(np.indices(SIZE)[1] < 320, 0.7, 1.0))
+    first, second, other = (corrupted(seen, HARD, seed).views[0] for seed in (3, 3, 4))
+    assert first.camera == second.camera != other.camera
+    assert np.array_equal(first.depth, second.depth) and np.array_equal(first.rgb, second.rgb)
+    assert not np.array_equal(first.depth, other.depth) and not np.array_equal(first.rgb, other.rgb)
+
+
+def test_an_episode_keeps_its_unit_and_changes_its_noise():
+    seen = observed(1.0)
+    units = draw_units(seen, NOMINAL, np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    (first,), (second,) = corrupt(seen, units, rng).views, corrupt(seen, units, rng).views
+    assert first.camera == second.camera == units[0].camera
+    assert not np.array_equal(first.depth, second.depth)
+
+
+def test_larger_errors_are_multiples_with_the_same_seed():
+    seen = observed(1.0)
+    kinds = [draw_units(seen, only("disparity", factor=factor), np.random.default_rng(5))[0] for factor in (1, 2)]
+    assert np.allclose(2 * kinds[0].offset, kinds[1].offset, atol=1e-6)
+    together = draw_units(seen, NOMINAL, np.random.default_rng(5))[0]
+    assert np.array_equal(together.offset, kinds[0].offset)
+
+
+def test_edges_grow_mix_and_get_lost():
+    depth = np.full(SIZE, 1.0)
+    depth[100:300, 200:400] = 0.8
+    keep = corrupted(observed(depth), SensorErrors(fattening=3, least_fattening=3)).views[0].depth
+    assert (keep[200] < 0.9).sum() == 206 and (keep[:, 300] < 0.9).sum() == 206
+    lost = corrupted(observed(depth), SensorErrors(fattening=3, least_fattening=3, invalid=1.0)).views[0].depth
+    assert (lost[200] == 0).sum() == 6
+    mixed = corrupted(observed(depth), SensorErrors(fattening=3, least_fattening=3, mixed=1.0)).views[0].depth
+    between = mixed[200, [197, 198, 199, 400, 401, 402]]
+    assert ((between > 0.8) & (between < 1.0)).all() and len(set(between)) == 6
+
+
+def test_jitter_takes_one_surface_or_the_other():
+    depth = np.full(SIZE, 1.0)
+    depth[:, 300:] = 0.8
+    found = corrupted(observed(depth), SensorErrors(lateral_jitter=1.0)).views[0].depth
+    assert np.minimum(abs(found - 0.8), abs(found - 1.0)).max() < 0.006  # an eighth of a pixel of disparity
+    assert 0.05 < (found[:, 299] < 0.9).mean() < 0.5
+
+
+def test_dropouts_have_the_shares_that_they_name():
+    errors = SensorErrors(dropout=0.02, dark_dropout=0.1, steep_dropout=0.3)
+    for seen, share in ((observed(1.0), 0.02), (observed(1.0, grey=20), 0.1), (observed(1.0, grey=60), 0.02)):
+        found = np.mean([(corrupted(seen, errors, seed).views[0].depth == 0).mean() for seed in range(4)])
+        assert found == pytest.approx(share, rel=0.25)
+    across = (np.arange(640) + 0.5 - 320) / 450
+    for angle, share in ((60, 0.02), (75, 0.3)):  # a wall that is turned: at the middle, depth 1 m
+        depth = 1 / (1 + across * math.tan(math.radians(angle)))
+        middle = slice(300, 340)
+        lost = [(corrupted(observed(depth), errors, seed).views[0].depth == 0)[:, middle].mean() for seed in range(4)]
+        assert np.mean(lost) == pytest.approx(share, rel=0.5)
+
+
+def test_depth_comes_in_steps():
+    found = corrupted(observed(1.2345), SensorErrors(depth_step=0.001)).views[0].depth
+    assert np.allclose(found, 1.234, atol=1e-6) or np.allclose(found, 1.235, atol=1e-6)
+    ramp = np.broadcast_to(np.linspace(0.9, 1.1, 640), SIZE)
+    found = corrupted(observed(ramp), SensorErrors(disparity_step=1 / 32)).views[0].depth
+    assert np.allclose(LAW / found * 32, np.round(LAW / found * 32), atol=0.01)
+
+
+def test_colour_gets_brighter_or_darker_and_noisy():
+    seen = observed(1.0)
+    found = np.array([corrupted(seen, only("color", HARD), seed).views[0].rgb for seed in range(20)], float)
+    means = found[..., 1].mean(axis=(1, 2))  # green has no error of white balance
+    assert means.min() >= 128 / 1.6 - 1 and means.max() <= 128 * 1.6 + 1 and np.ptp(means) > 50
+    plain = corrupted(seen, SensorErrors(color_noise=5.0)).views[0].rgb
+    assert plain.std() == pytest.approx(5.0, rel=0.05)
+
+
+def test_poses_err_as_much_as_they_say():
+    seen = observed(1.0)
+    moved, turned = [], []
+    for seed in range(200):
+        (unit,) = draw_units(seen, NOMINAL, np.random.default_rng(seed))
+        moved.append(unit.camera.position)
+        turned.append(math.acos(min(1, (np.trace(unit.camera.rotation) - 1) / 2)))
+    assert np.std(moved) == pytest.approx(NOMINAL.position_error, rel=0.1)
+    assert np.sqrt(np.mean(np.square(turned)) / 3) == pytest.approx(NOMINAL.rotation_error, rel=0.1)
+
+
+def test_kinds_cover_every_error_once():
+    names = [name for names in KINDS.values() for name in names]
+    assert sorted(names) == sorted({field.name for field in dataclasses.fields(SensorErrors)} - {"baseline"})
+    assert only("edges", HARD, 2) == SensorErrors(
+        lateral_jitter=2.0, fattening=8, least_fattening=2, mixed=0.4, invalid=0.4
+    )
+    assert only("holes", HARD, 2).steep_dropout == 1.0
+    assert only("position", factor=0) == SensorErrors()
+
+
+def test_a_view_takes_little_time():
+    seen = observed(np.where(np.indices(SIZE)[1] < 320, 0.7, 1.0))
+    units = draw_units(seen, HARD, np.random.default_rng(0))
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        corrupt(seen, units, np.random.default_rng(1))
+        times.append(time.process_time() - start)
+    assert min(times) < 1.0  # usually 0.1
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"baseline": 0.0}, r"^baseline must be above 0 m, got 0$"),
+        ({"disparity_noise": -0.1}, r"^disparity_noise must be a finite number of at least 0, got -0.1$"),
+        ({"rotation_error": math.nan}, r"^rotation_error must be a finite number of at least 0, got nan$"),
+        ({"dropout": 1.5}, r"^dropout must be a fraction of at most 1, got 1.5$"),
+        ({"least_fattening": 2}, r"^fattening must be from least_fattening to 32, got 0$"),
+        ({"fattening": 100}, r"^fattening must be from least_fattening to 32, got 100$"),
+        ({"mixed": 0.7, "invalid": 0.6}, r"^mixed and invalid must add up to at most 1, got 0.7 and 0.6$"),
+    ],
+)
+def test_errors_that_cannot_be_are_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        SensorErrors(**fields)
+
+
+def test_kinds_and_cameras_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match=r"^kind must be one of disparity, holes, .*, got 'weather'$"):
+        only("weather")
+    with pytest.raises(ValueError, match=r"^factor must be a finite number of at least 0, got -1$"):
+        only("edges", factor=-1)
+    units = draw_units(observed(1.0), NOMINAL, np.random.default_rng(0))
+    other = observed(1.0, dataclasses.replace(CAMERA, name="ceiling"))
+    with pytest.raises(ValueError, match=r"^units must be of the observation's cameras \[\('ceiling'.*got \[\('wall'"):
+        corrupt(other, units, np.random.default_rng(0))
