@@ -42,8 +42,6 @@ SHIPPED = clip.DATA / "gem-multi.safetensors"
 TASK = "foreign-block-in-bowl"
 ACTIONS = 2
 """A policy may act this often in an episode: once more than needed, as in our own tasks."""
-FARTHEST = 10.0
-"""A camera measures no depth (m) from here on."""
 DEPTH_SCALE = 0.001
 """Metres of one step of a recorded depth picture."""
 ASKED_SEED = 5_000
@@ -55,9 +53,8 @@ OUR_TASKS = (
 
 
 def seen(look: Look) -> Observation:
-    """What the cameras see, as a policy reads it. What is too far has no depth, as with a real camera."""
-    depths = [np.where(depth < FARTHEST, depth, 0) for depth in look.depths]
-    return Observation.from_arrays(look.colors, depths, look.intrinsics, look.poses, look.names)
+    """What the cameras see, as a policy reads it."""
+    return Observation.from_arrays(look.colors, look.depths, look.intrinsics, look.poses, look.names)
 
 
 def record(folder: Path, episodes: int) -> None:

@@ -2,7 +2,7 @@
 
 Nothing here comes from gem_lite. The shapes, colours, lamps and cameras are those of the still scenes. Each episode
 asks for one thing: put the named block into the named bowl. Seeds 0 to 999 are for demonstrations (`TRAIN_SEEDS`),
-those from 10000 are for tests (`TEST_SEEDS`).
+those from 10000 are for tests (`TEST_SEEDS`). Import it before mujoco: it chooses a renderer that needs no screen.
 
     with ForeignWorld() as world:
         look = world.reset(10_000)
@@ -34,17 +34,16 @@ NAMED = tuple(color for color in COLORS if color not in ("brown", "gray"))
 X_LIMITS, Y_LIMITS = (0.25, 0.75), (-0.5, 0.5)
 """The part of the table on which things lie (m)."""
 KINDS = {
-    "block": (0.034, 0.050, 0.06), "bowl": (0.083, 0.090, 0.10), "ball": (0.034, 0.034, 0.06),
+    "block": (0.034, 0.050, 0.06), "bowl": (0.083, 0.090, 0.25), "ball": (0.034, 0.034, 0.06),
     "mug": (0.073, 0.073, 0.20), "cylinder": (0.028, 0.028, 0.07), "star": (0.055, 0.055, 0.06),
     "ring": (0.046, 0.046, 0.05),
 }  # fmt: skip
-"""By kind: the radius of a circle around it, the least distance of its middle from the border (m), and its mass (kg);
-of a bowl, that is the mass of its floor."""
+"""By kind: the radius of a circle around it, the least distance of its middle from the border (m), its mass (kg)."""
 PRISMS = {"bowl": (0.047, 0.005), "mug": (0.038, 0.085), "cylinder": (0.027, 0.070), "star": (0.045, 0.025),
           "ring": (0.044, 0.032)}  # fmt: skip
 """By kind: the inner radius and the height (m) of the prism as which it collides; of a bowl, that is the floor."""
 HIDDEN = 'group="3" condim="4"'
-"""The look of shapes that are not drawn, and that things slide and turn with friction."""
+"""Attributes of a shape that is not drawn, and against which things turn with friction."""
 GAP = 0.015
 """The least distance (m) between two things' circles."""
 INNER = 0.078, 0.052
@@ -89,11 +88,10 @@ def tool_pose(x: float, y: float, yaw: float, z: float) -> np.ndarray:
 def random_scene(seed: int) -> Scene:
     """The table of a seed. Its first thing is the named block, its second the named bowl."""
     rng = np.random.default_rng(seed)
-    blocks, bowls = rng.permutation(NAMED)[: rng.integers(2, 5)], rng.permutation(NAMED)[: rng.integers(2, 4)]
-    others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)]
+    blocks, bowls = (rng.permutation(NAMED)[: rng.integers(2, most + 1)].tolist() for most in (4, 3))
+    others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)].tolist()
     kinds = [(blocks[0], "block"), (bowls[0], "bowl"), *((c, "block") for c in blocks[1:])]
-    kinds += [(c, "bowl") for c in bowls[1:]] + [(rng.choice(NAMED), kind) for kind in others]
-    kinds = [(str(color), str(kind)) for color, kind in kinds]
+    kinds += [(c, "bowl") for c in bowls[1:]] + [(str(rng.choice(NAMED)), kind) for kind in others]
     table = np.array(SCENES[rng.integers(len(SCENES))].table) + rng.uniform(-0.02, 0.02)
     lamp = np.array(SCENES[rng.integers(len(SCENES))].lamp) + rng.uniform(-0.1, 0.1, 3)
     while (things := _spread(kinds, rng)) is None:
@@ -119,14 +117,14 @@ def _spread(kinds: list[tuple[str, str]], rng: np.random.Generator) -> list[Thin
 
 
 def prism(kind: str, mass: float) -> str:
-    """The prism of four crossed boxes as which a thing collides, as MJCF. (Cylinders and hulls tremble on a box.)"""
+    """The prism of four crossed boxes as which a thing collides, as MJCF. Cylinders and hulls tremble on a box."""
     radius, height = PRISMS[kind]
     size = f"{radius} {radius * math.tan(math.pi / 8):.5f} {height / 2}"
     look = f'size="{size}" pos="0 0 {height / 2}" mass="{mass / 4}" {HIDDEN}'
     return f'<replicate count="4" euler="0 0 45"><geom type="box" {look}/></replicate>'
 
 
-def bowl_wall(mass: float = 0.15, steps: int = 24) -> str:
+def bowl_wall(mass: float, steps: int = 24) -> str:
     """The wall with which a bowl collides, as MJCF: two rings of boxes."""
     wall = ""
     # The inner side of the wall from below to above, as (radius, height), and how thick it is.
@@ -145,8 +143,9 @@ def free_body(number: int, thing: Thing) -> str:
     """A thing that moves, as MJCF."""
     mass = KINDS[thing.kind][2]
     if thing.kind in PRISMS:
-        shapes = geoms(thing, 'contype="0" conaffinity="0" mass="0"') + prism(thing.kind, mass)
-        shapes += bowl_wall() if thing.kind == "bowl" else ""
+        wall = bowl_wall(0.6 * mass) if thing.kind == "bowl" else ""
+        rest = prism(thing.kind, 0.4 * mass if wall else mass)
+        shapes = geoms(thing, 'contype="0" conaffinity="0" mass="0"') + rest + wall
     else:
         rolls = 'condim="6" friction="0.8 0.005 0.002"' if thing.kind == "ball" else 'condim="4"'
         shapes = geoms(thing, f'{rolls} mass="{mass}"')
@@ -308,8 +307,7 @@ class ForeignWorld(AbstractContextManager):
 
     def _below(self, point: np.ndarray) -> tuple[float, int]:
         """How far below a point (m) the next surface is, and the body that has it."""
-        geom = np.zeros(1, np.int32)
-        down, tool = np.array([0.0, 0.0, -1.0]), self._model.body("tool").id
+        down, geom, tool = np.array([0, 0, -1.0]), np.zeros(1, np.int32), self._model.body("tool").id
         far = mujoco.mj_ray(self._model, self._data, point, down, DRAWN, 1, tool, geom)
         return (float(far), int(self._model.geom_bodyid[geom[0]])) if geom[0] >= 0 else (math.inf, 0)
 
