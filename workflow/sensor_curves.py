@@ -25,6 +25,7 @@ from gem_lite.evaluation.results import Episode
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
+from gem_lite.rgbd import levelling
 from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, Unit, corrupt, draw_units, only
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import worlds
@@ -45,11 +46,13 @@ class Cell:
     kind: str
     level: str
     errors: SensorErrors
+    levelled: bool = False
+    """Whether the poses are corrected by the flat table (`rgbd.levelling`) before the policy sees them."""
 
     @property
     def name(self) -> str:
         """As rows hold it in ``subset``."""
-        return f"sensor errors: {self.kind}, {self.level}"
+        return f"sensor errors: {self.kind}, {self.level}{', levelled' if self.levelled else ''}"
 
 
 def cells() -> list[Cell]:
@@ -67,15 +70,17 @@ def cells() -> list[Cell]:
                 found.append(Cell(kind, f"{factor:.0f} x nominal", only(kind, NOMINAL, factor)))
             else:
                 found.append(Cell(kind, level, only(kind, base, factor)))
+    found += [Cell("all", "hard", HARD, levelled=True), Cell("rotation", "hard", only("rotation", HARD), levelled=True)]
     return found
 
 
 class ErringEyes:
     """An actor whose policy sees through erring cameras."""
 
-    def __init__(self, policy: PickPlacePolicy, errors: SensorErrors, seed: int) -> None:
+    def __init__(self, policy: PickPlacePolicy, cell: Cell, seed: int) -> None:
         self.actor = evaluate.policy_actor(policy)
-        self.errors = errors
+        self.errors = cell.errors
+        self.workspace = policy.config.workspace if cell.levelled else None
         self.seed = seed
         self.units: tuple[Unit, ...] = ()
         self.frames = np.random.default_rng()
@@ -92,12 +97,15 @@ class ErringEyes:
         """The policy's action in the true world, from what the erring cameras show."""
         (observation,) = observations
         self.units = self.units or draw_units(observation, self.errors, self.unit_rng)
-        return self.actor(environment, (corrupt(observation, self.units, self.frames),), empty_picks)
+        seen = corrupt(observation, self.units, self.frames)
+        if self.workspace is not None:
+            seen = levelling.levelled(seen, self.workspace)
+        return self.actor(environment, (seen,), empty_picks)
 
 
 def row_of(cell: Cell, episodes: Sequence[Episode], facts: dict) -> dict:
     """The row of a cell."""
-    more = {"kind": cell.kind, "level": cell.level, "errors": asdict(cell.errors)}
+    more = {"kind": cell.kind, "level": cell.level, "errors": asdict(cell.errors), "levelled": cell.levelled}
     name = facts["method"], facts["task"]
     return results.result_row(*name, episodes, cell.name, {**facts, **more})
 
@@ -122,8 +130,8 @@ def measure(
     print(f"{len(chosen) - len(missing)} of {len(chosen)} cells are in {path}")
     with World(style=worlds.style(world)) as home, tqdm(total=len(missing) * episodes, unit="episode") as bar:
         for cell in missing:
-            bar.set_description(f"{cell.kind}, {cell.level}")
-            eyes = ErringEyes(policy, cell.errors, seed)
+            bar.set_description(cell.name)
+            eyes = ErringEyes(policy, cell, seed)
             played = []
             for index in range(episodes):
                 eyes.begin(index)

@@ -48,3 +48,42 @@ def show_look(
         draw_gripper(axes[0], action.place, workspace, PLACE_COLOR, "place")
         axes[0].legend(fontsize=8, loc="lower center")
     return fig
+
+
+def show_margins(margins: Mapping[str, Sequence[float]], lowest: float) -> Figure:
+    """Margins of phrases as dots, a line of dots for each group, and the lowest margin that is not refused.
+
+    Args:
+        margins: of each phrase, by group: at most two groups.
+    """
+    fig, ax = plt.subplots(figsize=(7.2, 1.1 + 0.6 * len(margins)), layout="constrained")
+    rng = np.random.default_rng(0)
+    for number, (values, mark) in enumerate(zip(margins.values(), "os", strict=False)):
+        ax.scatter(values, number + rng.uniform(-0.18, 0.18, len(values)), s=22, marker=mark, alpha=0.75)
+    ax.axvline(lowest, color="black", lw=1.2)
+    ax.text(lowest, len(margins) - 0.45, " not refused from here on", fontsize=8, va="bottom")
+    ax.set(yticks=range(len(margins)), yticklabels=list(margins), ylim=(-0.5, len(margins) - 0.1))
+    ax.set_xlabel("score on a thing, minus that of the best alternative (the largest over all things)")
+    ax.grid(axis="x", alpha=0.3)
+    return fig
+
+
+def show_error_curves(curves: Mapping[str, Mapping[str, tuple[float, float, float]]]) -> Figure:
+    """Success (%) against the size of each kind of error: a panel for each kind.
+
+    Args:
+        curves: for each kind and size the mean and the ends of its 95 % interval.
+    """
+    columns = (len(curves) + 1) // 2
+    fig, axes = plt.subplots(2, columns, figsize=(2.35 * columns, 4.8), layout="constrained", sharey=True)
+    for ax in axes.flat[len(curves) :]:
+        ax.set_axis_off()
+    for ax, (kind, sizes) in zip(axes.flat, curves.items(), strict=False):
+        means, lows, highs = np.array(list(sizes.values())).T
+        ax.errorbar(range(len(means)), means, [means - lows, highs - means], fmt="o-", capsize=3, ms=5)
+        ax.set(title=kind, ylim=(-3, 103), xlim=(-0.4, len(means) - 0.6))
+        ax.set_xticks(range(len(means)), list(sizes), fontsize=8, rotation=25)
+        ax.grid(alpha=0.3)
+    for ax in axes[:, 0]:
+        ax.set_ylabel("success (%)")
+    return fig

@@ -5,6 +5,7 @@ Also the bridge for environments that speak CLIPort's dictionaries: `from_clipor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,7 +78,7 @@ def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.nda
         base @ pose_at(choice.action.place, choice.heightmap, tool),
         float(probabilities[:, distance <= SAME_PICK].sum() / probabilities.sum()),
         Pose2(float(x[row, col]), float(y[row, col]), yaw),
-        float(np.exp(min(choice.pick_logits[choice.pick_cell] - elsewhere[angle, row, col], LARGEST_LEAD))),
+        math.exp(min(float(choice.pick_logits[choice.pick_cell] - elsewhere[angle, row, col]), LARGEST_LEAD)),
     )
 
 

@@ -1,0 +1,74 @@
+"""Small errors of poses that a flat table shows, and their correction.
+
+The table is flat and lies at z = 0 (`camera_check` uses the same). A view whose pose is a little wrong sees it tilted,
+or too high. So a plane is fitted to what the view shows near z = 0. Then the camera is turned about its own centre and
+lifted, until the plane is the table. Of the six numbers of a pose this corrects three: two tilts and the height. A turn
+about the vertical and a shift along the table leave the table where it is, so nothing shows them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gem_lite.rgbd.camera import View, as_pose
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Workspace
+
+REACH = 0.06
+"""A point at most this far (m) from z = 0 may be one of the table."""
+BANDS = (0.03, 0.015, 0.008, 0.008)
+"""The plane is fitted again to the points at most this far (m) from it, once for each entry."""
+FEWEST = 500
+"""A view with fewer points near the table keeps its pose."""
+MOST = 20_000
+"""About as many points are used."""
+
+
+def levelled(observation: Observation, workspace: Workspace) -> Observation:
+    """The observation with the poses corrected so that every view sees the table level and at z = 0.
+
+    It is for errors of a few degrees and centimetres. For larger ones see `gem_lite.rgbd.camera_check`. Most of the
+    points that a view shows near z = 0 should be the table's.
+    """
+    return Observation(tuple(_levelled(view, workspace) for view in observation.views))
+
+
+def _levelled(view: View, workspace: Workspace) -> View:
+    points = view.points().reshape(-1, 3)
+    x, y, z = points.T
+    inside = (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
+    near = points[inside & (np.abs(z) < REACH) & (view.depth.reshape(-1) > 0)]
+    near = near[:: max(1, len(near) // MOST)].astype(np.float64)
+    if len(near) < FEWEST:
+        return view
+    slope_x, slope_y, height = plane(near)
+    normal = np.array([-slope_x, -slope_y, 1.0])
+    normal /= np.linalg.norm(normal)
+    axis = np.cross(normal, (0.0, 0.0, 1.0))  # The shortest turn that makes the normal vertical.
+    turn = Rotation.from_rotvec(axis / max(np.linalg.norm(axis), 1e-12) * np.arccos(np.clip(normal[2], -1, 1)))
+    position = view.camera.position
+    below = np.array([position[0], position[1], slope_x * position[0] + slope_y * position[1] + height])
+    # After the turn about the camera's centre, the plane is level, at the height of this point of it.
+    level = turn.apply(below - position)[2] + position[2]
+    pose = as_pose(turn.as_matrix() @ view.camera.rotation, position - [0.0, 0.0, level])
+    return replace(view, camera=replace(view.camera, pose=pose))
+
+
+def plane(points: np.ndarray) -> tuple[float, float, float]:
+    """The plane z = a x + b y + c that most of the points (N, 3) lie near: (a, b, c).
+
+    It begins with the level plane at the points' median height, and is fitted again and again to the points that are
+    near it (`BANDS`).
+    """
+    coefficients = np.array([0.0, 0.0, float(np.median(points[:, 2]))])
+    design = np.column_stack([points[:, :2], np.ones(len(points))])
+    for band in BANDS:
+        close = np.abs(points[:, 2] - design @ coefficients) < band
+        if close.sum() < 3:
+            break
+        coefficients = np.linalg.lstsq(design[close], points[close, 2], rcond=None)[0]
+    a, b, c = coefficients.tolist()
+    return a, b, c
