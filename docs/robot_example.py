@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from gem_lite import clip
+from gem_lite.maps.recognition import refusal
 from gem_lite.policies import checkpoints
 from gem_lite.policies.robot import plan
 from gem_lite.rgbd.observation import Observation
@@ -26,7 +27,11 @@ class StandInRobot:
 
 robot = StandInRobot()
 policy = checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load()).eval()
-choice = policy.decide(Observation.load(sys.argv[1]), sys.argv[2])
+observation, queries = Observation.load(sys.argv[1]), policy.read(sys.argv[2])
+reason = refusal(policy.embed(observation.views), [queries.pick, queries.place], policy.source)
+if reason:
+    sys.exit(f"refused: {reason}")
+choice = policy.decide(observation, queries)
 found = plan(choice, robot.base_from_table)
 print(f"confidence {found.confidence:.2f}, {found.lead:.3g} times as probable as the runner-up at {found.runner_up}")
 for pose, grip in ((found.pick, True), (found.place, False)):

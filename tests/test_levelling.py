@@ -17,11 +17,11 @@ SCENES = clip.DATA / "foreign-scenes"
 WORKSPACE = Workspace()
 
 
-def moved(observation, degrees, metres, axis="x"):
-    """The observation with the pose of its second view turned about an axis of the camera, and lifted."""
+def moved(observation, degrees, metres):
+    """The observation with the pose of its second view turned about its sideways axis, and lifted."""
     views = list(observation.views)
     camera = views[1].camera
-    turn = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
     pose = as_pose(camera.rotation @ turn, camera.position + np.array([0, 0, metres]))
     views[1] = replace(views[1], camera=replace(camera, pose=pose))
     return Observation(tuple(views))
@@ -32,12 +32,10 @@ def heights(observation):
 
 
 @pytest.mark.parametrize("scene", ["workbench", "kitchen", "desk"])
-@pytest.mark.parametrize(
-    ("degrees", "metres", "axis"), [(1.0, 0.0, "x"), (-1.5, 0.01, "x"), (0, 0.02, "x"), (1, 0, "z")]
-)
-def test_a_tilt_and_a_height_are_corrected(scene, degrees, metres, axis):
+@pytest.mark.parametrize(("degrees", "metres"), [(1, 0), (-1.5, 0.01), (0, 0.02)])
+def test_a_tilt_and_a_height_are_corrected(scene, degrees, metres):
     right = Observation.load(SCENES / scene)
-    wrong = moved(right, degrees, metres, axis)
+    wrong = moved(right, degrees, metres)
     corrected = levelled(wrong, WORKSPACE)
     off = [np.abs(heights(seen) - heights(right)).mean() for seen in (wrong, corrected)]
     assert off[1] < 0.002 and off[1] < 0.7 * off[0], f"the height map is off by {off} m"

@@ -61,8 +61,10 @@ def cells() -> list[Cell]:
         Cell("none", "clean", SensorErrors()),
         Cell("all", "nominal", NOMINAL),
         Cell("all", "hard", HARD),
+        Cell("all", "hard", HARD, levelled=True),
+        Cell("rotation", "hard", only("rotation", HARD), levelled=True),
     ]
-    for level in ("hard", "nominal", "2 x hard"):
+    for level in ("hard", "2 x hard", "nominal"):
         for kind in KINDS:
             base, factor = (NOMINAL if level == "nominal" else HARD), (2.0 if level == "2 x hard" else 1.0)
             if kind == "quantisation":  # its nominal and hard sizes are the same
@@ -70,7 +72,6 @@ def cells() -> list[Cell]:
                 found.append(Cell(kind, f"{factor:.0f} x nominal", only(kind, NOMINAL, factor)))
             else:
                 found.append(Cell(kind, level, only(kind, base, factor)))
-    found += [Cell("all", "hard", HARD, levelled=True), Cell("rotation", "hard", only("rotation", HARD), levelled=True)]
     return found
 
 

@@ -87,3 +87,22 @@ def show_error_curves(curves: Mapping[str, Mapping[str, tuple[float, float, floa
     for ax in axes[:, 0]:
         ax.set_ylabel("success (%)")
     return fig
+
+
+def show_errors(panels: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> Figure:
+    """For cameras that err more and more: a depth picture above the table from above.
+
+    Args:
+        panels: title, depth (h, w) in metres with 0 where nothing was measured, and picture from above (H, W, 3).
+    """
+    fig, axes = plt.subplots(
+        2, len(panels), figsize=(2.9 * len(panels), 6.4), height_ratios=(1, 1.9), layout="constrained"
+    )  # fmt: skip
+    colors = plt.get_cmap("viridis").copy()
+    colors.set_bad("white")
+    for column, (title, depth, picture) in zip(axes.T, panels, strict=True):
+        measured = np.ma.masked_equal(depth, 0)
+        image = bare(column[0], f"{title}: depth").imshow(measured, cmap=colors, vmin=0.5, vmax=1.8)
+        bare(column[1], f"{title}: from above").imshow(picture)
+    fig.colorbar(image, ax=axes[0], shrink=0.8, label="metres (white: none)")
+    return fig
