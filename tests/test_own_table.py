@@ -358,7 +358,10 @@ def test_look_writes_maps_places_and_an_action(capsys, tmp_path):
     assert (tmp_path / "look.png").stat().st_size > 10_000
     assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out]) == 0
     assert json.loads((tmp_path / "look.json").read_text())["action"] is None
-    capsys.readouterr()
+    assert found["refusals"] == {"red block": None, "blue bowl": None}
+    assert main(["look", str(FOREIGN / "kitchen"), "banana", *out]) == 0
+    reason = json.loads((tmp_path / "look.json").read_text())["refusals"]["banana"]
+    assert reason.startswith('there is no "banana"') and reason in capsys.readouterr().out
     cliport = ["--policy", str(tmp_path / "none.safetensors")]
     assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out, *cliport]) == 2
     assert "none.safetensors" in capsys.readouterr().err

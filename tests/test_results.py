@@ -142,9 +142,11 @@ def test_stored_rows_are_complete():
         assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md", "docs/your_table.md"])
 def test_every_interval_of_a_page_is_that_of_a_row(page):
-    rows = benchmark.stored_rows() + results.read_rows(results.RESULTS / "object-sorting.jsonl")
+    rows = benchmark.stored_rows()
+    for name in ("object-sorting", "own-table", "sensor-errors"):
+        rows += results.read_rows(results.RESULTS / f"{name}.jsonl")
     known = {(row["mean"], *row["ci95"]) for row in rows}
     for name in {row["method"] for row in rows if row.get("demos") == 10}:
         scores = summaries.scores(benchmark.stored_rows(), name, 10)

@@ -17,7 +17,7 @@ from gem_lite.actions import PickPlace
 from gem_lite.cli.command import Command
 from gem_lite.figures import plot_own_table
 from gem_lite.files import write_atomically
-from gem_lite.maps import looking
+from gem_lite.maps import looking, recognition
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Policy
 from gem_lite.rgbd import camera_check
@@ -107,7 +107,8 @@ BGR = camera_check.Finding(
 class Look(OwnTable):
     """What does the policy see? Writes the table from above, the map of each phrase and its best places.
 
-    A whole sentence ("put the red block in the blue bowl") also gives the pick and the place.
+    It says if nothing on the table fits a phrase. A whole sentence ("put the red block in the blue bowl") also gives
+    the pick and the place.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -134,12 +135,16 @@ class Look(OwnTable):
         places = {phrase: looking.best_places(semantic, policy.config) for phrase, semantic in maps.items()}
         drawn = action if isinstance(action, PickPlace) else None
         self.draw(plot_own_table.show_look(scene.heightmap, maps, places, drawn), "look.png")
+        refusals = {phrase: recognition.refusal(scene, [phrase], policy.source) for phrase in phrases}
         content = {
             "text": self.text,
             "places": {phrase: [dataclasses.asdict(place) for place in found] for phrase, found in places.items()},
+            "refusals": refusals,
             "action": None if action is None else dataclasses.asdict(action),
         }
         write_atomically(self.output / "look.json", json.dumps(content, indent=1).encode())
+        for reason in filter(None, refusals.values()):
+            print(reason)
         for phrase, found in places.items():
             print(f'"{phrase}": ' + ", ".join(f"({p.x:.3f}, {p.y:.3f}) m {p.score:.2f}" for p in found))
         if action is not None:
