@@ -346,6 +346,17 @@ def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path):
     assert "overhead, left, right: the pose is inverted" in capsys.readouterr().err
 
 
+def test_another_rectangle_of_the_table_is_looked_at(capsys, tmp_path):
+    words = [str(FOREIGN / "workbench"), "--out", str(tmp_path), "--rectangle", "0.2", "0.72", "-0.3", "0.5"]
+    assert main(["check-cameras", *words]) == 0
+    assert main(["look", *words, "put the red block in the blue bowl"]) == 0
+    found = json.loads((tmp_path / "look.json").read_text())
+    x, y = things("workbench")["red block"]
+    assert math.hypot(found["action"]["pick"]["x"] - x, found["action"]["pick"]["y"] - y) < 0.02
+    assert main(["look", *words[:-4], "0.7", "0.2", "-0.3", "0.5", "red block"]) == 2
+    assert "the rectangle's x must go from a smaller number to a larger one" in capsys.readouterr().err
+
+
 def test_look_writes_maps_places_and_an_action(capsys, tmp_path):
     out = ["--out", str(tmp_path)]
     assert main(["look", str(FOREIGN / "workbench"), "put the red block in the blue bowl", *out]) == 0

@@ -111,6 +111,18 @@ def test_the_example_drives_a_robot_without_a_simulator():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("confidence") and [line.split()[-1] for line in lines[1:]] == [
-        "open", "open", "closed", "closed", "closed", "open",
-    ]  # fmt: skip
+    assert lines[0].startswith("confidence")
+    assert [line.split()[0] for line in lines[1:]] == [
+        *("move", "move", "close", "move"),
+        *("move", "move", "open", "move"),
+    ]
+    # The block is held at its top, 48 mm above its lower side: so it is let go that much above the bowl's floor.
+    heights = [float(line.split("(")[1].split(")")[0].split(", ")[2]) for line in lines[1:] if line.startswith("move")]
+    assert (
+        abs(heights[1] - 0.048) < 0.003
+        and abs(heights[4] - 0.054) < 0.004
+        and abs(heights[0] - heights[1] - 0.2) < 1e-6
+    )
+    refused = program.replace(SENTENCE, "put the red mug in the blue bowl")
+    done = subprocess.run([sys.executable, "-c", refused], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 1 and 'refused: there is no "red mug"' in done.stderr

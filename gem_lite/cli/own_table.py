@@ -38,6 +38,8 @@ class OwnTable(Command):
     """folder for pictures and JSON (without it: runs/look/<name of the folder>)"""
     policy: Path = SHIPPED
     """checkpoint of a GEM; its maps, its table and, for a whole sentence, its action"""
+    rectangle: tuple[float, float, float, float] | None = None
+    """x_min x_max y_min y_max (m) of the table (without it: the policy's own rectangle)"""
     clip: str | None = None
     """Hugging Face name or folder of the CLIP of the policy (without it: the embedded one)"""
 
@@ -51,6 +53,8 @@ class OwnTable(Command):
         policy = checkpoints.load_policy(self.policy, clip.load(self.clip))
         if not isinstance(policy, Policy):
             raise ValueError(f"{self.policy} must be a checkpoint of gem, got {policy.name}")
+        if self.rectangle is not None:  # The networks are convolutions: they read a table of any size.
+            policy.config = dataclasses.replace(policy.config, rectangle=self.rectangle)
         return policy
 
     def draw(self, figure: Figure, name: str) -> None:

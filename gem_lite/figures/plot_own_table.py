@@ -63,16 +63,20 @@ def show_margins(margins: Mapping[str, Sequence[float]], lowest: float) -> Figur
     ax.axvline(lowest, color="black", lw=1.2)
     ax.text(lowest, len(margins) - 0.45, " not refused from here on", fontsize=8, va="bottom")
     ax.set(yticks=range(len(margins)), yticklabels=list(margins), ylim=(-0.5, len(margins) - 0.1))
-    ax.set_xlabel("score on a thing, minus that of the best alternative (the largest over all things)")
+    ax.set_xlabel("margin of a phrase")
     ax.grid(axis="x", alpha=0.3)
     return fig
 
 
-def show_error_curves(curves: Mapping[str, Mapping[str, tuple[float, float, float]]]) -> Figure:
+def show_error_curves(
+    curves: Mapping[str, Mapping[str, tuple[float, float, float]]],
+    levelled: Mapping[str, Mapping[str, tuple[float, float, float]]],
+) -> Figure:
     """Success (%) against the size of each kind of error: a panel for each kind.
 
     Args:
         curves: for each kind and size the mean and the ends of its 95 % interval.
+        levelled: the same with levelled poses, for some kinds and sizes.
     """
     columns = (len(curves) + 1) // 2
     fig, axes = plt.subplots(2, columns, figsize=(2.35 * columns, 4.8), layout="constrained", sharey=True)
@@ -81,6 +85,10 @@ def show_error_curves(curves: Mapping[str, Mapping[str, tuple[float, float, floa
     for ax, (kind, sizes) in zip(axes.flat, curves.items(), strict=False):
         means, lows, highs = np.array(list(sizes.values())).T
         ax.errorbar(range(len(means)), means, [means - lows, highs - means], fmt="o-", capsize=3, ms=5)
+        for size, (mean, low, high) in levelled.get(kind, {}).items():
+            place = list(sizes).index(size) + 0.15
+            ax.errorbar(place, mean, [[mean - low], [high - mean]], fmt="s", capsize=3, ms=6, label="levelled")
+            ax.legend(fontsize=8, loc="lower left")
         ax.set(title=kind, ylim=(-3, 103), xlim=(-0.4, len(means) - 0.6))
         ax.set_xticks(range(len(means)), list(sizes), fontsize=8, rotation=25)
         ax.grid(alpha=0.3)

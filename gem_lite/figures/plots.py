@@ -60,8 +60,10 @@ def show_views(views: Sequence[View]) -> Figure:
     fig, axes = plt.subplots(2, len(views), figsize=(3.4 * len(views), 5.0), layout="constrained")
     for column, view in zip(axes.T, views, strict=True):
         bare(column[0], f"{view.camera.name}: RGB").imshow(view.rgb)
-        depth_image = bare(column[1], f"{view.camera.name}: depth").imshow(np.minimum(view.depth, 1.8), cmap="viridis")
-    fig.colorbar(depth_image, ax=axes[1], shrink=0.8, label="metres (1.8 and beyond: last colour)")
+        depth_image = bare(column[1], f"{view.camera.name}: depth").imshow(
+            np.ma.masked_equal(view.depth, 0), cmap="viridis", vmin=0.4, vmax=1.8
+        )
+    fig.colorbar(depth_image, ax=axes[1], shrink=0.8, label="metres (white: not measured)")
     return fig
 
 
