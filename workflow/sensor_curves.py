@@ -63,6 +63,7 @@ def cells() -> list[Cell]:
         Cell("all", "hard", HARD),
         Cell("all", "hard", HARD, levelled=True),
         Cell("rotation", "hard", only("rotation", HARD), levelled=True),
+        Cell("rotation", "2 x hard", only("rotation", HARD, 2.0), levelled=True),
     ]
     for level in ("hard", "2 x hard", "nominal"):
         for kind in KINDS:
