@@ -88,7 +88,7 @@ def show_error_curves(
         for size, (mean, low, high) in levelled.get(kind, {}).items():
             place = list(sizes).index(size) + 0.15
             ax.errorbar(place, mean, [[mean - low], [high - mean]], fmt="s", color="C1", capsize=3, ms=6)
-            ax.set_title("squares: levelled", fontsize=8, loc="right", color="C1", y=0.03)
+            ax.set_title(" squares: levelled", fontsize=8, loc="left", color="C1", y=0.03)
         ax.set(title=kind, ylim=(-3, 106), xlim=(-0.4, len(means) - 0.6))
         ax.set_xticks(range(len(means)), list(sizes), fontsize=8, rotation=25)
         ax.grid(alpha=0.3)
