@@ -63,6 +63,16 @@ def test_alternatives_change_the_colour_or_the_noun():
     assert recognition.alternatives("hammer", ("hammer", "spoon")) == ["spoon"]
 
 
+def test_a_table_that_is_noisy_and_too_high_is_no_thing(table):
+    masks = recognition.things(table)
+    rng = np.random.default_rng(0)
+    table.heightmap.height[:] += 0.01 + np.abs(rng.normal(0, 0.005, table.heightmap.height.shape)).astype(np.float32)
+    noisy = recognition.things(table)
+    assert len(noisy) == len(masks) == 2
+    for before, after in zip(masks, noisy, strict=True):
+        assert (before & after).sum() > 0.95 * before.sum() and after.sum() < 1.1 * before.sum()
+
+
 def test_specks_are_no_things(table):
     assert [int(mask.sum()) for mask in recognition.things(table)] == [100, 100]
 

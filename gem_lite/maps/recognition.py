@@ -23,7 +23,9 @@ from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
 
 RISES = 0.008
-"""A cell belongs to a thing if it is higher (m) above the table than this."""
+"""A cell belongs to a thing if it is higher (m) above the table than this, and than the table's own noise."""
+NOISE = 3.0
+"""A cell is above the table's noise if it is higher by this many standard deviations."""
 FEWEST_CELLS = 12
 """A region of fewer cells is no thing."""
 BEST_SHARE = 0.3
@@ -76,8 +78,14 @@ def alternatives(phrase: str, nouns: Sequence[str] = OTHER_NOUNS) -> list[str]:
 
 
 def things(scene: SceneEmbedding) -> list[np.ndarray]:
-    """The things on a table: for each connected region that rises above it, an (H, W) bool mask."""
-    regions, count = ndimage.label(scene.heightmap.height > RISES)
+    """The things on a table: for each connected region that rises above it, an (H, W) bool mask.
+
+    The table is most of the map, so its level is the median height, and its noise follows from the median deviation.
+    """
+    height = scene.heightmap.height
+    level = np.median(height)
+    noise = 1.4826 * np.median(np.abs(height - level))  # the standard deviation, if the noise is normal
+    regions, count = ndimage.label(height > level + max(RISES, NOISE * noise))
     masks = [regions == number for number in range(1, count + 1)]
     return [mask for mask in masks if mask.sum() >= FEWEST_CELLS]
 
