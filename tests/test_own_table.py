@@ -366,7 +366,8 @@ def test_look_writes_maps_places_and_an_action(capsys, tmp_path):
     assert math.hypot(found["action"]["pick"]["x"] - x, found["action"]["pick"]["y"] - y) < 0.02
     scores = [place["score"] for place in found["places"]["red block"]]
     assert scores == sorted(scores, reverse=True) and len(scores) == 5
-    assert (tmp_path / "look.png").stat().st_size > 10_000
+    for name in ("look", "maps", "table"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out]) == 0
     assert json.loads((tmp_path / "look.json").read_text())["action"] is None
     assert found["refusals"] == {"red block": None, "blue bowl": None}

@@ -15,7 +15,7 @@ from tyro.conf import Positional
 from gem_lite import clip
 from gem_lite.actions import PickPlace
 from gem_lite.cli.command import Command
-from gem_lite.figures import plot_own_table
+from gem_lite.figures import plot_own_table, plots
 from gem_lite.files import write_atomically
 from gem_lite.maps import looking, recognition
 from gem_lite.policies import checkpoints
@@ -109,7 +109,7 @@ BGR = camera_check.Finding(
 
 @dataclass(frozen=True, kw_only=True)
 class Look(OwnTable):
-    """What does the policy see? Writes the table from above, the map of each phrase and its best places.
+    """What does the policy see? Writes the height map, the maps of each phrase and its best places.
 
     It says if nothing on the table fits a phrase. A whole sentence ("put the red block in the blue bowl") also gives
     the pick and the place.
@@ -135,7 +135,16 @@ class Look(OwnTable):
             action = policy.act(observation, queries)
         except ValueError:  # no sentence: the name of a thing
             phrases = [self.text]
-        maps = {phrase: policy.maps(scene, phrase).fused for phrase in phrases}
+        self.draw(plot_own_table.show_table_from_above(scene.heightmap), "table.png")
+        parts = {phrase: policy.maps(scene, phrase) for phrase in phrases}
+        panels = [
+            (f"{phrase}: {name}", semantic)
+            for phrase, maps_of_phrase in parts.items()
+            for name, semantic in (("text", maps_of_phrase.text), ("image", maps_of_phrase.image))
+            if semantic is not None
+        ]
+        self.draw(plots.show_maps(panels), "maps.png")
+        maps = {phrase: maps_of_phrase.fused for phrase, maps_of_phrase in parts.items()}
         places = {phrase: looking.best_places(semantic, policy.config) for phrase, semantic in maps.items()}
         drawn = action if isinstance(action, PickPlace) else None
         self.draw(plot_own_table.show_look(scene.heightmap, maps, places, drawn), "look.png")
