@@ -22,7 +22,7 @@ import torch.nn.functional as F
 
 Length = TypeVar("Length", float, np.ndarray)
 CELLS_MULTIPLE = 16
-"""The U-Nets halve a map four times, so its sides must be multiples of this number of cells."""
+"""A U-Net halves a map four times, so the sides of a map must be multiples of this number of cells."""
 LONGEST_SIDE = 5.0
 """The longest side (m) of a rectangle: a longer one was probably given in other units than metres."""
 

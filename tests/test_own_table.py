@@ -281,6 +281,15 @@ def test_the_sentences_hold_numbers():
     assert re.search(r"tilted by 0\.[012] degrees and lies (19|20|21) mm from z = 0", finding.sentence)
 
 
+def test_what_the_check_does_not_find():
+    roll = Rotation.from_euler("z", 3, degrees=True).as_matrix()  # about the viewing axis
+    for number in range(3):
+        views = [changed_rotation(view, lambda r: r @ roll) if i == number else view for i, view in enumerate(SHELF)]
+        assert camera_check.check(views, Workspace()) == []
+    everywhere = [shifted(0.05, 0, 0)(view) for view in SHELF]
+    assert camera_check.check(everywhere, Workspace()) == [], "all cameras 5 cm sideways"
+
+
 def test_a_camera_without_any_depth_is_named():
     blind = replace(SHELF[1], depth=np.zeros_like(SHELF[1].depth))
     (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], Workspace())
