@@ -18,6 +18,7 @@ from e2cnn import gspaces
 from e2cnn import nn as enn
 from torch import nn
 
+from gem_lite.se2 import CELLS_MULTIPLE
 from gem_lite.steerable import disc
 
 
@@ -86,8 +87,8 @@ class UNet(nn.Module):
 
     def decode(self, x: torch.Tensor, language: torch.Tensor | None = None) -> list[torch.Tensor]:
         """The output of each upsampling block, (B, decoder_widths[i], H / 2^(3-i), W / 2^(3-i))."""
-        if x.shape[-1] % 16 or x.shape[-2] % 16:
-            raise ValueError(f"height and width must be multiples of 16, got {tuple(x.shape[-2:])}")
+        if x.shape[-1] % CELLS_MULTIPLE or x.shape[-2] % CELLS_MULTIPLE:
+            raise ValueError(f"height and width must be multiples of {CELLS_MULTIPLE}, got {tuple(x.shape[-2:])}")
         skips = []
         for block in self.down:
             skips.append(block(x))
