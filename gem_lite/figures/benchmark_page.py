@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from gem_lite.evaluation import benchmark
+from gem_lite.evaluation import benchmark, summaries
 from gem_lite.evaluation.summaries import COMPARED, table_rows
 from gem_lite.figures.plot_benchmark import Row, Table, markdown
 
@@ -20,6 +20,8 @@ OVERVIEW = {
 """The columns of the first table: methods, and their titles."""
 OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
 """Its last lines: tasks that are not the paper's."""
+SEEDS = (0, 1, 2)
+"""The training seeds that the table of seeds pools."""
 
 
 def overview(rows: Sequence[Row]) -> str:
@@ -63,7 +65,31 @@ def demonstrations(rows: Sequence[dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
-TABLES = {"benchmark": overview, "ablations": ablations, "demonstrations": demonstrations}
+def training_seeds(rows: Sequence[dict]) -> str:
+    """10 demonstrations with several training seeds: a line for each task on which every method was trained with each.
+
+    A cell has the pooled score with its interval, then the score of each seed.
+    """
+    pooled = {name: summaries.scores(rows, name, demos=10, seeds=SEEDS) for name in COMPARED}
+    lines = [f"| task | {' | '.join(OVERVIEW[name] for name in COMPARED)} |", "|---" * 4 + "|"]
+    for task in (*benchmark.VARIANTS, *OURS):
+        if not all(task in of_method for of_method in pooled.values()):
+            continue
+        cells = []
+        for of_method in pooled.values():
+            means = (f"{100 * rewards.mean():.1f}" for rewards in of_method[task].rewards)
+            cells.append(f"{of_method[task]} ({', '.join(means)})")
+        star = "*" if task in OURS else ""
+        lines.append(f"| {task}{star} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+TABLES = {
+    "benchmark": overview,
+    "ablations": ablations,
+    "demonstrations": demonstrations,
+    "training seeds": training_seeds,
+}
 """By the name in a page's comments, what makes the table."""
 
 
