@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from gem_lite.evaluation import benchmark, summaries
-from gem_lite.evaluation.summaries import COMPARED, table_rows
+from gem_lite.evaluation import benchmark
+from gem_lite.evaluation.summaries import COMPARED, scores, table_rows
 from gem_lite.figures.plot_benchmark import Row, Table, markdown
 
 OVERVIEW = {
@@ -70,7 +70,7 @@ def training_seeds(rows: Sequence[dict]) -> str:
 
     A cell has the pooled score with its interval, then the score of each seed.
     """
-    pooled = {name: summaries.scores(rows, name, demos=10, seeds=SEEDS) for name in COMPARED}
+    pooled = {name: scores(rows, name, demos=10, seeds=SEEDS) for name in COMPARED}
     lines = [f"| task | {' | '.join(OVERVIEW[name] for name in COMPARED)} |", "|---" * 4 + "|"]
     for task in (*benchmark.VARIANTS, *OURS):
         if not all(task in of_method for of_method in pooled.values()):
