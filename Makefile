@@ -14,13 +14,14 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test lint check fuzz wheel book handouts check-python clean
+.PHONY: help setup demo lab test twice lint check fuzz wheel book handouts check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
 	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
+	@echo "make twice  set up, then run every lesson twice in one kernel (twenty minutes)"
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make wheel  set up, then build the package with its models into dist/"
@@ -74,11 +75,14 @@ lab: $(READY)
 # programs on two cores would wait for each other's. JUNIT: a folder for the report that forges read.
 WORKERS ?= 2
 LESSONS := $(shell ls -r notebooks/*.ipynb)
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder --nbval-lax
 
 test: lint
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder \
-	  --nbval-lax $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
+	@$(PYTEST) $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
+
+twice: $(READY)
+	@$(PYTEST) --all-lessons-twice $(LESSONS) tests/conftest.py
 
 lint: $(READY)
 	@echo "ruff, mypy"

@@ -100,15 +100,20 @@ def demos(demo_set):
     return [one, one]
 
 
-TRAINS_LIVE = {"02", "05", "06", "07", "08", "10"}
-"""The lessons that train before the reader's eyes. A second run of them would take minutes."""
+SHORT_LESSONS = {"00", "01", "03", "04", "09"}
+"""The lessons that every test run runs twice. A second run of the others takes minutes: ``--all-lessons-twice``."""
 
 
-def pytest_collection_modifyitems(items):
-    """The other lessons run twice in one kernel, as with *Run All* twice: a second item for each of their cells."""
+def pytest_addoption(parser):
+    parser.addoption("--all-lessons-twice", action="store_true", help="run the long lessons twice, too")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Lessons run twice in one kernel, as with *Run All* twice: a second item for each of their cells."""
+    all_twice = config.getoption("all_lessons_twice")
     again = {}
     for item in items:
-        if isinstance(item, IPyNbCell) and item.path.name[:2] not in TRAINS_LIVE:
+        if isinstance(item, IPyNbCell) and (all_twice or item.path.name[:2] in SHORT_LESSONS):
             name = item.name.replace("Cell", "Second run, cell")
             cell = copy.deepcopy(item.cell)  # nbval joins the stored outputs of a cell in place
             second = IPyNbCell.from_parent(
