@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import filelock
 import pytest
 import yaml
 
@@ -252,8 +253,20 @@ def test_two_rows_for_one_cell_of_a_table_are_refused(plan):
         plot_benchmark.arranged([row_of(cell), row_of(cell)])
 
 
+def snakemake(*words):
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--quiet", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
 def test_snakemake_finds_a_way_to_every_row_of_the_first_tier():
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--dry-run", "--config", f"clip={clip.EMBEDDED}"]
-    command += ["--quiet", "--", "must"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = snakemake("--dry-run", "--config", f"clip={clip.EMBEDDED}", "--", "must")
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_a_folder_of_runs_is_refused_while_another_process_works_in_it(tmp_path):
+    stamp = tmp_path / "demos" / "block-insertion-10.txt"
+    with filelock.FileLock(tmp_path / "lock"):
+        done = snakemake("--config", f"runs={tmp_path}", "--", str(stamp))
+    assert done.returncode == 1 and "another snakemake works in" in done.stderr and not stamp.parent.exists()
+    # Snakemake's own lock would stay after a kill.
+    assert yaml.safe_load((ROOT / "workflow/profiles/default/config.yaml").read_text())["nolock"] is True
