@@ -55,16 +55,16 @@ def test_all_eighteen_variants_of_the_paper_are_registered():
 @pytest.mark.parametrize("name", NEW)
 def test_the_expert_solves_an_episode_and_the_grammar_reads_every_sentence(blind, name):
     # In this episode of the piles, a cube lies in the square from the beginning. The first action is paid for it, too.
-    piled = name.startswith("separating")
-    task = lay_out(blind, name, 1, "test") if piled else lay_out(blind, name)
+    pushes = name.startswith("separating")
+    task = lay_out(blind, name, 1, "test") if pushes else lay_out(blind, name)
     first_score = task.score(blind)
-    assert first_score < 0.3 and (first_score > 0 or not piled)
+    assert first_score < 0.3 and (first_score > 0 or not pushes)
     sentences, actions, total = play(blind, task)
     assert total == pytest.approx(task.score(blind)) == pytest.approx(1.0, abs=0.01)
     assert len(actions) <= task.max_steps
     for sentence, action in zip(sentences, actions, strict=True):
         queries = language.parse(sentence)
-        assert queries.push == isinstance(action, Push) == piled
+        assert queries.push == isinstance(action, Push) == pushes
         assert queries.pick and queries.place
 
 
