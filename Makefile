@@ -81,6 +81,7 @@ test: lint
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
 	@$(PYTEST) $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
 
+# The last argument holds no tests: pytest reads there how lessons are run twice.
 twice: $(READY)
 	@$(PYTEST) --all-lessons-twice $(LESSONS) tests/conftest.py
 
