@@ -18,6 +18,8 @@ OVERVIEW = {
     "expert-rounded": "expert, rounded",
 }
 """The columns of the first table: methods, and their titles."""
+FOR_SEVERAL_TASKS = ("gem-multi", "cliport-multi")
+"""The methods that learned ten tasks at once."""
 OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
 """Its last lines: tasks that are not the paper's."""
 SEEDS = (0, 1, 2)
@@ -65,6 +67,16 @@ def demonstrations(rows: Sequence[dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def several_tasks(rows: Sequence[dict]) -> str:
+    """One policy for ten tasks, from 10 and 100 demonstrations of each: a line for each of the paper's variants."""
+    table: Table = {f"{OVERVIEW[name]} with {count}": {} for name in FOR_SEVERAL_TASKS for count in (10, 100)}
+    for row in table_rows(rows).get("table-1", []):
+        title = f"{OVERVIEW.get(row['method'])} with {row['demos']}"
+        if row["config"] == "lite" and title in table:
+            table[title][row["task"]] = row
+    return markdown(table, benchmark.VARIANTS, benchmark.VARIANTS)
+
+
 def training_seeds(rows: Sequence[dict]) -> str:
     """10 demonstrations with several training seeds: a line for each task on which every method was trained with each.
 
@@ -88,6 +100,7 @@ TABLES = {
     "benchmark": overview,
     "ablations": ablations,
     "demonstrations": demonstrations,
+    "several tasks": several_tasks,
     "training seeds": training_seeds,
 }
 """By the name in a page's comments, what makes the table."""
