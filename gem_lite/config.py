@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 from gem_lite.se2 import Workspace
@@ -21,7 +21,7 @@ class Ablation(NamedTuple):
 SHARED_ABLATIONS = {
     "without-parsing": Ablation("both phrases are the whole instruction", {"parsing": False}),
     "without-rotation-augmentation": Ablation("training moves scenes, but does not turn them", {"turn": False}),
-    "without-locations": Ablation("location words say what CLIP makes of them, no more", {"locations": False}),
+    "without-location-code": Ablation("the networks do not get the location words, counted", {"location_code": False}),
     "without-empty-spots": Ablation("a spot where nothing was grasped may be tried again", {"empty_radius": 0.0}),
 }
 """Ablations that mean something for every method."""
@@ -45,7 +45,10 @@ class Config:
         angles: how many angles are sampled at the output.
         parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
-        locations: whether location words are read besides CLIP (`gem_lite.maps.locations`).
+        locations: whether a location word chooses among the responses of a semantic map (`maps.locations.located`),
+            for methods whose networks or gates have one.
+        location_code: whether the networks get the location words of a phrase besides its embedding
+            (`maps.locations.code`).
         empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.
@@ -70,6 +73,13 @@ class Config:
     acting read. Configurations that differ in these alone have the same prepared steps (`preparation`). A method whose
     preparation reads one of them leaves it out of its own set; a new field is in no set until somebody adds it."""
 
+    ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
+    """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
+    so a trained policy can act with other values (`PickPlacePolicy.acting_as`)."""
+    ADDED: ClassVar[frozenset[str]] = frozenset({"rectangle", "location_code"})
+    """The entries that are younger than some stored rows. They are left out of `as_dict` while they have their default,
+    so that configurations, and what is named after them, stay what they were."""
+
     name: str = "lite"
     table: float = 1.0
     pixel: float = 0.00625
@@ -77,6 +87,7 @@ class Config:
     parser: str = "grammar"
     parsing: bool = True
     locations: bool = True
+    location_code: bool = True
     empty_radius: float = 0.0125
     turn: bool = True
     steps: int = 1500
@@ -159,13 +170,11 @@ class Config:
         return replace(self, table=length, pixel=self.pixel * length / self.table)
 
     def as_dict(self) -> dict[str, Any]:
-        """The entries as JSON holds them: tuples become lists. A rectangle is an entry only where there is one.
-
-        So the names of all results that were measured before there were rectangles stay as they are.
-        """
-        entries = asdict(self)
-        if self.rectangle is None:
-            del entries["rectangle"]
+        """The entries as JSON holds them: tuples become lists. Those in `ADDED` are left out at their default."""
+        defaults = {entry.name: entry.default for entry in fields(self)}
+        entries = {
+            key: value for key, value in asdict(self).items() if key not in self.ADDED or value != defaults[key]
+        }  # fmt: skip
         return {key: list(value) if isinstance(value, tuple) else value for key, value in entries.items()}
 
     @property

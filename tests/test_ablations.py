@@ -20,9 +20,9 @@ D = 16
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
 )
-WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention", "without-locations"}
+WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention", "without-location-code"}
 """Ablations that change what the networks are made of."""
-WORDS_DIFFER = {"without-parsing", "without-locations"}
+WORDS_DIFFER = {"without-parsing", "without-location-code"}
 """Ablations that change the words which the networks get."""
 INPUTS_DIFFER = WORDS_DIFFER | {
     "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map",

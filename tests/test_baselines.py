@@ -274,7 +274,7 @@ def test_features_lie_where_the_picture_does(level, model):
 
 def test_features_are_equally_strong_everywhere(model):
     picture = np.random.default_rng(0).integers(0, 255, (160, 80, 3), dtype=np.uint8)
-    features = [model.dense_features(picture, 20), *model.inner_features(picture, 20)]
+    features = [model.dense_features(picture, 20), *model.inner_features(picture, 20, 3)]
     assert [len(feature) for feature in features] == [model.width, *model.inner_widths]
     for feature in features:
         assert torch.allclose(feature.square().mean(dim=0), torch.ones(feature.shape[1:]), atol=1e-4)

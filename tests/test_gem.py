@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite.language import Queries
 from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
-from gem_lite.policies.gem import PickModule, PlaceModule, Policy, near_peak
+from gem_lite.policies.gem import PickModule, PlaceModule
 from gem_lite.policies.gem_config import LITE, PAPER, GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
-from gem_lite.policies.samples import Inputs, Sample, crop_at, cross_entropy, right_bins
-from gem_lite.se2 import ImageMotion, Pose2
+from gem_lite.policies.samples import Sample, crop_at, cross_entropy, right_bins
+from gem_lite.se2 import ImageMotion
 
 D = 16
 SMALL = dataclasses.replace(
@@ -268,49 +267,3 @@ def test_motions_without_turns_only_shift():
     motions = [random_motion(np.random.default_rng(i), (160, 80), [(80.0, 40.0)], turn=False) for i in range(20)]
     assert {motion.angle for motion in motions} == {0.0}
     assert len({motion.shift for motion in motions}) == 20
-
-
-def test_a_push_may_start_away_from_the_peak_of_its_map():
-    policy = Policy(SMALL, types.SimpleNamespace(dim=D))
-    workspace = SMALL.workspace
-    semantic = torch.zeros(1, *workspace.shape)
-    semantic[0, 40, 40] = 1.0
-    inputs = Inputs(rgbd=torch.zeros(4, *workspace.shape), maps={"pick": semantic, "place": semantic})
-    pick, push = (policy.candidates(inputs, (), push) for push in (False, True))
-    assert pick[40, 40] and pick.sum() < 30
-    assert push.all()
-    tried = Pose2(*workspace.to_world(80, 20))
-    assert not policy.candidates(inputs, (tried,), push=True)[80, 20]
-
-
-@pytest.mark.parametrize("push", [False, True])
-def test_a_push_ends_at_another_cell_than_that_of_its_start(push, monkeypatch):
-    policy = Policy(SMALL, types.SimpleNamespace(dim=D))
-    shape = SMALL.workspace.shape
-    scores = torch.zeros(1, SMALL.angles, *shape)
-    scores[..., 40, 40] = 2.0
-    scores[..., 90, 20] = 1.0
-    monkeypatch.setattr(policy, "score_pick", lambda inputs: scores)
-    monkeypatch.setattr(policy, "score_place", lambda inputs, picks: scores)
-    monkeypatch.setattr(policy, "candidates", lambda inputs, empty_picks, push: torch.ones(shape, dtype=torch.bool))
-    inputs = Inputs(rgbd=torch.zeros(4, *shape), maps={})
-    choice = policy.choose("", Queries("block", "square", push=push), None, inputs)
-    assert choice.pick_cell[1:] == (40, 40)
-    assert choice.place_cell[1:] == ((90, 20) if push else (40, 40))
-
-
-def test_the_pick_stays_near_the_peak_of_its_map():
-    config = dataclasses.replace(SMALL, peak_margin=0.1, peak_radius=1.4 * SMALL.pixel)
-    semantic = torch.zeros(2, 8, 8)
-    semantic[0, 2, 2] = 1.0
-    semantic[1, 5, 5] = 0.95
-    semantic[1, 1, 6] = 0.85
-    allowed = torch.ones_like(semantic, dtype=torch.bool)
-    near = near_peak(semantic, allowed, config)
-    assert near[0, 1:4, 1:4].all() and near[1, 4:7, 4:7].all()
-    assert near.sum() == 18, "one peak on each of two tables; the third value is too low"
-    # An excluded peak is none: then the next one counts.
-    allowed[0, 2, 2] = allowed[1, 5, 5] = False
-    near = near_peak(semantic, allowed, config)
-    assert near[1, 0:3, 5:8].all() and near.sum() == 9
-    assert torch.equal(near_peak(semantic, allowed, dataclasses.replace(config, peak_margin=None)), allowed)

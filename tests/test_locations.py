@@ -30,15 +30,65 @@ def test_a_word_counts_at_the_beginning_of_a_phrase(phrase, word):
     assert locations.location_word(phrase) == word
 
 
+def cells_of(semantic):
+    """The cells of each response, as lists of (row, col)."""
+    regions, count = locations.responses(semantic, WORKSPACE)
+    return [np.argwhere(regions == number).tolist() for number in range(1, count + 1)]
+
+
 def test_responses_are_the_strongest_maxima():
-    semantic = table((50, 20, 1.0), (50, 50, 0.95), (90, 40, 0.85))
-    assert locations.responses(semantic, WORKSPACE).tolist() == [[50, 20], [50, 50]]
+    assert cells_of(table((50, 20, 1.0), (50, 50, 0.95), (90, 40, 0.85))) == [[[50, 20]], [[50, 50]]]
 
 
 def test_two_maxima_of_one_place_are_one_response():
     semantic = table((50, 20, 1.0))
     semantic[52, 22] = 0.99
-    assert locations.responses(semantic, WORKSPACE).tolist() == [[50, 20]]
+    assert cells_of(semantic) == [[[50, 20]]]
+    semantic[52, 22] = 1.0
+    assert cells_of(semantic) == [[[50, 20], [52, 22]]]
+
+
+def flat_things():
+    """Two flat things of 20 x 20 equal cells, as a detector fills its boxes."""
+    semantic = np.zeros(WORKSPACE.shape, np.float32)
+    semantic[40:60, 10:30] = semantic[90:110, 45:65] = 1.0
+    return semantic
+
+
+def test_a_flat_thing_is_one_response_and_stays_whole():
+    semantic = flat_things()
+    assert [len(cells) for cells in cells_of(semantic)] == [400, 400]
+    for word, kept, lowered in (
+        ("left", np.s_[40:60, 10:30], np.s_[90:110, 45:65]),
+        ("bottom", np.s_[90:110, 45:65], np.s_[40:60, 10:30]),
+    ):
+        located = locations.located(semantic, word, WORKSPACE)
+        assert (located[kept] == 1).all()
+        assert np.allclose(located[lowered], 1 - locations.LOWERED)
+
+
+def test_a_long_thing_beside_another_stays_whole():
+    # By the distance to the middles, the ends of the long thing would belong to the other.
+    semantic = np.zeros(WORKSPACE.shape, np.float32)
+    semantic[10:150, 20] = 1.0
+    semantic[20, 32] = 1.0
+    located = locations.located(semantic, "left", WORKSPACE)
+    assert (located[10:150, 20] == 1).all()
+    assert located[20, 32] == np.float32(1 - locations.LOWERED)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_constant_map_has_no_response_and_stays_as_it_is(value):
+    semantic = np.full(WORKSPACE.shape, value, np.float32)
+    assert cells_of(semantic) == []
+    for word in ("left", "right", "top", "bottom", "middle"):
+        assert np.array_equal(locations.located(semantic, word, WORKSPACE), semantic)
+
+
+def test_a_map_that_hardly_rises_above_the_table_has_no_response():
+    semantic = table((50, 20, 0.09), (50, 50, 0.08))
+    assert cells_of(semantic) == []
+    assert np.array_equal(locations.located(semantic, "right", WORKSPACE), semantic)
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,10 @@ from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
 from gem_lite.evaluation.results import Score
 from gem_lite.figures import plot_mobile
 from gem_lite.policies import several_tables
-from gem_lite.policies.gem import Policy, near_peak
+from gem_lite.policies.gates import near_peak
+from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.samples import HEIGHT_SCALE
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
@@ -189,7 +191,8 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     task = tasks.make("object-sorting-seen", "val")
     choice = several_tables.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     semantic = choice.inputs.maps["pick"][:, 0]
-    near = near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
+    height = HEIGHT_SCALE * choice.inputs.rgbd[:, 3]
+    near = near_peak(semantic, height, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
     row, col = (round(i) for i in MOBILE.workspace.to_pixel(choice.pick.x, choice.pick.y))
     assert near[choice.pick_table, row, col] and near.float().mean() < 0.1
 

@@ -10,11 +10,12 @@ import torch
 from gem_lite import clip, demonstrations
 from gem_lite.cli import main
 from gem_lite.learning import train
+from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import base as policy_module
 from gem_lite.policies import methods
 from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.gem import Policy, QueryMaps, joined
+from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.samples import PreparedStep
 from gem_lite.se2 import angle_off

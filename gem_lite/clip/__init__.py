@@ -29,7 +29,7 @@ ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 REMEMBERED = 20_000
 """A CLIP remembers the embeddings of this number of small pictures: some 40 MB."""
-INNER_QUARTERS = (3, 2)
+INNER_QUARTERS = (3, 2, 1)
 """After which quarters of the image tower `Clip.inner_features` are taken."""
 
 
@@ -172,13 +172,16 @@ class Clip:
         return _equally_strong(self._features(image, patch))
 
     @torch.inference_mode()
-    def inner_features(self, image: np.ndarray, patch: int) -> list[torch.Tensor]:
-        """As `dense_features`, but from inside the image tower: after its third and after its second quarter.
+    def inner_features(self, image: np.ndarray, patch: int, count: int = 2) -> list[torch.Tensor]:
+        """As `dense_features`, but from inside the image tower: after its third, second and first quarter.
 
-        In a ResNet, these are finer than the last features: (inner_widths[i], h, w), with twice and four times as many
-        positions in each direction.
+        In a ResNet, these are finer than the last features: (inner_widths[i], h, w), with twice, four and eight times
+        as many positions in each direction.
+
+        Args:
+            count: how many, from 0 to 3.
         """
-        return [_equally_strong(self._features(image, patch, quarter)) for quarter in INNER_QUARTERS]
+        return [_equally_strong(self._features(image, patch, quarter)) for quarter in INNER_QUARTERS[:count]]
 
     @torch.inference_mode()
     def embed_dense(self, image: np.ndarray, patch: int) -> torch.Tensor:

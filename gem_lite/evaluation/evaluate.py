@@ -141,9 +141,9 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
         raise ValueError(f"{error}; without a checkpoint: {', '.join(SCRIPTED)}") from error
     if checkpoint is None:
         raise ValueError(f"{method} needs --checkpoint")
+    config = _acting_config(checkpoint, method)
     policy = load_policy(checkpoint, clip.load(clip_name))
-    if policy.name != method:
-        raise ValueError(f"the checkpoint {checkpoint} holds {policy.name}, not {method}")
+    policy.act_as(config)
     table = policy.config.workspace.length
     if table != settings.workspace.length:
         raise ValueError(
@@ -151,6 +151,14 @@ def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name
             f"{settings.workspace.length} m long"
         )
     return policy_actor(policy)
+
+
+def _acting_config(checkpoint: Path, method: str) -> Config:
+    """The configuration by which a checkpoint acts as a method. Raises ValueError if it cannot."""
+    try:
+        return methods.acting_as(read_card(checkpoint), method)[1]
+    except ValueError as error:
+        raise ValueError(f"{checkpoint}: {error}") from error
 
 
 def settings_of(task_name: str, split: tasks.Split, settings: Config = LITE) -> Config:
@@ -261,5 +269,4 @@ def _name_and_facts(
     method = methods.canonical(method)
     if checkpoint is None:
         raise ValueError(f"{method} needs --checkpoint")
-    card = read_card(checkpoint)
-    return method, results.facts_of(card, methods.of_card(card)[1])
+    return method, results.facts_of(read_card(checkpoint), _acting_config(checkpoint, method))

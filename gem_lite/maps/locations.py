@@ -63,16 +63,27 @@ def code(phrase: str) -> torch.Tensor:
     return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32), dim=0)
 
 
-def responses(semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
-    """The cells (N, 2) of a map's strongest responses: (row, col), in the order of the rows.
+def responses(semantic: np.ndarray, workspace: Workspace) -> tuple[np.ndarray, int]:
+    """A map's strongest responses: its local maxima at most `WITHIN` below the highest value.
+
+    Maxima nearer than `SPACING` to each other, such as the cells of a flat peak, are one response. A map that hardly
+    rises above its median, which is the bare table's value, has no response.
 
     Args:
         semantic: (H, W).
+
+    Returns:
+        (H, W) int, the number of the response to which each maximum belongs, from 1 on, and 0 elsewhere; and how many
+        there are.
     """
+    if semantic.max() - np.median(semantic) <= WITHIN:
+        return np.zeros(semantic.shape, int), 0
     reach = round(SPACING / workspace.pixel)
     highest_around = ndimage.maximum_filter(semantic, size=2 * reach + 1, mode="nearest")
-    strong = (semantic == highest_around) & (semantic >= semantic.max() - WITHIN)
-    return np.argwhere(strong)
+    maxima = (semantic == highest_around) & (semantic >= semantic.max() - WITHIN)
+    # Two cells are in one region if each lies within half the reach of the region's cells.
+    regions, count = ndimage.label(ndimage.binary_dilation(maxima, np.ones((reach, reach))), np.ones((3, 3)))
+    return np.where(maxima, regions, 0), count
 
 
 def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray:
@@ -83,19 +94,23 @@ def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray
         word: "left" (smaller x), "right", "top" (larger y), "bottom" or "middle" (nearest to all responses' mean).
 
     Returns:
-        (H, W) float32. Cells nearer to another response are cut off at the chosen one minus `LOWERED`.
+        (H, W) float32. Cells nearer to another response are cut off at the chosen one minus `LOWERED`. A map without
+        responses stays as it is.
 
     Raises:
         ValueError: an unknown word.
     """
     if word not in _SMALLEST:
         raise ValueError(f"word must be one of {', '.join(_SMALLEST)}, got {word!r}")
-    cells = responses(semantic, workspace)
-    x, y = workspace.to_world(cells[:, 0], cells[:, 1])
-    chosen = int(np.argmin(_SMALLEST[word](x, y)))
-    height, width = semantic.shape
-    rows, cols = np.mgrid[:height, :width]
-    distances = np.hypot(rows[..., None] - cells[:, 0], cols[..., None] - cells[:, 1])  # (H, W, N)
-    of_another = distances.argmin(axis=-1) != chosen
-    ceiling = np.float32(semantic[tuple(cells[chosen])] - LOWERED)
+    regions, count = responses(semantic, workspace)
+    if count < 2:
+        return semantic
+    numbers = np.arange(1, count + 1)
+    middles = np.array(ndimage.center_of_mass(regions > 0, regions, numbers))  # (N, 2) cells
+    x, y = workspace.to_world(middles[:, 0], middles[:, 1])
+    chosen = numbers[int(np.argmin(_SMALLEST[word](x, y)))]
+    # For every cell the nearest maximum of any response.
+    rows, cols = ndimage.distance_transform_edt(regions == 0, return_distances=False, return_indices=True)
+    of_another = regions[rows, cols] != chosen
+    ceiling = np.float32(semantic[regions == chosen].max() - LOWERED)
     return np.where(of_another, np.minimum(semantic, ceiling), semantic)

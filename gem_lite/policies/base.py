@@ -7,10 +7,12 @@ and from the demonstration to the loss.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -27,6 +29,7 @@ from gem_lite.language import ImageQuery, Queries, Query
 from gem_lite.maps import locations
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
 from gem_lite.maps.semantic_map import embed_query
+from gem_lite.policies.gates import Gate
 from gem_lite.policies.samples import Cell, Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
@@ -60,7 +63,7 @@ class Choice:
     """A decision, and the logits from which it was made.
 
     ``pick_logits`` and ``place_logits`` are (R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
-    best logit; for the pick, only pixels that `PickPlacePolicy.candidates` allows count.
+    best logit among the allowed ones (`PickPlacePolicy.choose`).
     """
 
     instruction: str
@@ -184,14 +187,14 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
     def embed_words(self, query: Query) -> torch.Tensor:
         """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
         embedding = embed_query(query, self.clip)
-        if not self.config.locations:
+        if not self.config.location_code:
             return embedding
         return torch.cat([embedding, locations.code("" if isinstance(query, ImageQuery) else query)])
 
     @property
     def language_dim(self) -> int:
         """L, the length of `embed_words`."""
-        return self.clip.dim + (locations.CODE_LENGTH if self.config.locations else 0)
+        return self.clip.dim + (locations.CODE_LENGTH if self.config.location_code else 0)
 
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""
@@ -218,7 +221,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """Each module's cross-entropy over pixels and angles. The place module gets the demonstrated pick (A.11)."""
         inputs = collate(batch, self.device)
         count = self.config.angles
-        picks = [(right_bins(s.pick_yaw, s.pick_symmetry, count), round(s.pick[0]), round(s.pick[1])) for s in batch]
+        turns = self.pick_angles
+        picks = [(right_bins(s.pick_yaw, s.pick_symmetry, turns), round(s.pick[0]), round(s.pick[1])) for s in batch]
         places = [(right_bins(s.delta, s.place_symmetry, count), round(s.place[0]), round(s.place[1])) for s in batch]
         pixels = torch.tensor([cell[1:] for cell in picks])
         return {"pick": self.pick_loss(inputs, picks), "place": self.place_loss(inputs, pixels, places)}
@@ -231,9 +235,34 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """The cross-entropy of `score_place` to labels. A method may compute it in a faster way."""
         return cross_entropy(self.score_place(inputs, picks), cells)
 
-    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2], push: bool = False) -> torch.Tensor:
-        """(H, W) bool: where a pick is allowed, or the start of a ``push``; ``empty_picks`` as in `act`."""
-        return ~near_any(empty_picks, self.config)
+    @property
+    def pick_angles(self) -> int:
+        """At how many angles a pick is scored."""
+        return self.config.angles
+
+    def act_as(self, config: configuration.Config) -> None:
+        """Act by other rules than those of the training, for instance without the rule for location words.
+
+        Args:
+            config: the policy's own, but for entries of `Config.ACTING` and the ablations that they are part of.
+
+        Raises:
+            ValueError: another entry differs.
+        """
+        own, other = (
+            {key: value for key, value in vars(which).items() if key not in {*which.ACTING, "ablations"}}
+            for which in (self.config, config)
+        )
+        if own != other or type(config) is not type(self.config):
+            raise ValueError(
+                f"config may differ from the policy's in {', '.join(sorted(self.config.ACTING))} only: a trained "
+                "policy cannot change the rest"
+            )
+        self.config = config
+
+    def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> Mapping[str, Gate]:
+        """Maps that restrict "pick" and "place" where the policy acts (`policies.gates`). Most methods have none."""
+        return {}
 
     def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
         """One pick and place; or one push, if the sentence says "push".
@@ -252,46 +281,82 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """As `act`, with the logits from which the action was read."""
         queries = self.read(instruction)
         scene = self.embed(observation.views)
-        return self.choose(str(instruction), queries, scene.heightmap, self.inputs(scene, queries), empty_picks)
+        inputs = self.inputs(scene, queries)
+        gates = self.gates(observation.views, inputs, queries)
+        return self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks, gates)
 
     @torch.inference_mode()
     def choose(
         self, instruction: str, queries: Queries, heightmap: HeightMap, inputs: Inputs,
-        empty_picks: Sequence[Pose2] = (),
+        empty_picks: Sequence[Pose2] = (), gates: Mapping[str, Gate] = MappingProxyType({}),
     ) -> Choice:  # fmt: skip
-        """The best pick, then the best place for it."""
-        self.eval()
-        candidates = self.candidates(inputs, empty_picks, queries.push)
+        """The best pick, then the best place for it.
+
+        A pick keeps away from empty picks, as long as that leaves a cell. Pick and place keep to their ``gates``. No
+        act ends where it begins: a push ends in another cell, a pick and place in another cell or turned.
+        """
         inputs = collate([inputs], self.device)
-        pick_logits = self.score_pick(inputs)[0].cpu()
-        pick_cell = _argmax(pick_logits.masked_fill(~candidates, -torch.inf))
-        place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
-        here = torch.zeros(place_logits.shape[1:], dtype=torch.bool)
-        here[pick_cell[1:]] = queries.push  # a push ends at another cell than that of its start
-        place_cell = _argmax(place_logits.masked_fill(here, -torch.inf))
+        with acting(self):
+            pick_logits = self.score_pick(inputs)[0].cpu()
+            pick_cell = best_cell(pick_logits, gated(gates.get("pick"), untried(empty_picks, self.config)))
+            place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
+        everywhere = torch.ones(place_logits.shape[1:], dtype=torch.bool)
+        allowed = gated(gates.get("place"), everywhere) & ~unmoved(place_logits.shape, pick_cell[1:], queries.push)
+        place_cell = best_cell(place_logits, allowed)
         workspace = self.config.workspace
-        angles = angle_bins(self.config.angles)
-        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angles[pick_cell[0]])
+        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angle_bins(len(pick_logits))[pick_cell[0]])
         # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.
-        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + angles[place_cell[0]])
+        delta = angle_bins(len(place_logits))[place_cell[0]]
+        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + delta)
         return Choice(
             instruction, queries, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
             Push(pick, place) if queries.push else PickPlace(pick, place),
         )  # fmt: skip
 
 
-def near_any(poses: Sequence[Pose2], config: configuration.Config) -> torch.Tensor:
-    """(H, W) bool: cells whose centre is nearer than ``config.empty_radius`` to one of ``poses``."""
+@contextlib.contextmanager
+def acting(policy: nn.Module) -> Iterator[None]:
+    """In evaluation mode; afterwards in the mode of before, so that a policy may act between two training steps."""
+    training = policy.training
+    if training:
+        policy.eval()
+    try:
+        yield
+    finally:
+        policy.train(training)
+
+
+def untried(empty_picks: Sequence[Pose2], config: configuration.Config) -> torch.Tensor:
+    """(H, W) bool: cells whose centre is at least ``config.empty_radius`` from each of ``empty_picks``.
+
+    All cells, if there is no such cell: then everything was tried, and the policy begins again.
+    """
     workspace = config.workspace
     rows, cols = np.indices(workspace.shape)
     x, y = workspace.to_world(rows, cols)
-    near = np.zeros(workspace.shape, bool)
-    for pose in poses:
-        near |= np.hypot(x - pose.x, y - pose.y) < config.empty_radius
-    return torch.from_numpy(near)
+    far = np.ones(workspace.shape, bool)
+    for pose in empty_picks:
+        far &= np.hypot(x - pose.x, y - pose.y) >= config.empty_radius
+    return torch.from_numpy(far if far.any() else np.ones_like(far))
 
 
-def _argmax(logits: torch.Tensor) -> tuple[int, int, int]:
-    """(angle, row, col) of the largest logit of (R, H, W)."""
-    angle, row, col = np.unravel_index(int(logits.argmax()), logits.shape)
+def gated(gate: Gate | None, allowed: torch.Tensor) -> torch.Tensor:
+    """The ``allowed`` cells (H, W) that a gate leaves; all of them without a gate."""
+    return allowed if gate is None else gate.cells(allowed)
+
+
+def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Tensor:
+    """(R, H, W) bool, of ``shape``: the places that change nothing after a pick at the pixel ``pick`` (row, col).
+
+    A thing that is put back where it was and not turned; for a push, its start.
+    """
+    here = torch.zeros(tuple(shape), dtype=torch.bool)
+    here[slice(None) if push else 0, pick[0], pick[1]] = True
+    return here
+
+
+def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, int, int]:
+    """(angle, row, col) of the largest logit of (R, H, W) among the ``allowed``, (H, W) or (R, H, W) bool."""
+    masked = logits.masked_fill(~allowed, -torch.inf)
+    angle, row, col = np.unravel_index(int(masked.argmax()), masked.shape)
     return int(angle), int(row), int(col)

@@ -2,8 +2,9 @@
 
 CLIP's features are computed from the height map as one picture, once for each scene; augmentation moves these features
 together with the picture. The semantic stream starts from the last features; at its next two levels, features from
-inside CLIP's image tower join it (CLIPort's skip connections). Language enters as in CLIPort, by products over the
-pixels at these three levels. Pick and place are Transporter's, with two streams in the place of each U-Net.
+inside CLIP's image tower join it (two of CLIPort's three skip connections; `ClipPortConfig.skips`). Language enters as
+in CLIPort, by products over the pixels at these levels. Pick and place are Transporter's, with two streams in the place
+of each U-Net.
 
 `GroundedClipPort` is a stronger rival than the paper's: it multiplies words and features in the space where CLIP itself
 compares pictures and words. So it need not learn which feature belongs to which word.
@@ -21,12 +22,11 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import SHARED_ENDINGS, Ablation
+from gem_lite.config import Ablation
 from gem_lite.language import Queries
-from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
 from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
-from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig
+from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig, Rival
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 
@@ -38,16 +38,20 @@ class ClipPortConfig(KeyQueryConfig):
     Attributes:
         top_patch: how much of the height map (m) is enlarged to the size of the pictures that CLIP knows.
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
+        skips: how many of CLIP's inner features join the semantic stream, from 0 to 3. CLIPort has 3.
     """
 
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
         "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
-        **SHARED_ENDINGS,
+        "with-three-skips": Ablation("all three of CLIPort's skip connections from CLIP's tower", {"skips": 3}),
+        **KeyQueryConfig.ABLATIONS,
     }
+    ADDED: ClassVar[frozenset[str]] = KeyQueryConfig.ADDED | {"skips"}
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"recolor"}
 
     top_patch: float = 0.125
     recolor: bool = True
+    skips: int = 2
 
 
 class Gate(nn.Module):
@@ -178,7 +182,7 @@ class DenseView:
     features: tuple[torch.Tensor, ...]
 
 
-class ClipPort(PickPlacePolicy[DenseView]):
+class ClipPort(Rival[DenseView]):
     """A semantic stream from CLIP beside a spatial one: CLIPort at our size."""
 
     method = "cliport"
@@ -190,12 +194,13 @@ class ClipPort(PickPlacePolicy[DenseView]):
     def build(self) -> tuple[WithSemantics, WithSemantics]:
         c = self.config
         key, query = (self._two_stream(c.channels) for _ in range(2))
-        return self._with_semantics(self._two_stream(c.angles)), self._with_semantics(KeyQuery(key, query, c))
+        return self._with_semantics(self._two_stream(self.pick_angles)), self._with_semantics(KeyQuery(key, query, c))
 
     @property
     def _inner(self) -> list[tuple[int, int]]:
         """The widths of CLIP's inner features, and those to which they are projected."""
-        return list(zip(self.clip.inner_widths, decoder_widths(self.config.widths)[1:], strict=False))
+        widths = self.clip.inner_widths[: self.config.skips]
+        return list(zip(widths, decoder_widths(self.config.widths)[1:], strict=False))
 
     def _two_stream(self, outputs: int) -> TwoStream:
         semantics = [self.Semantics.outputs(self.config), *(after for _, after in self._inner)]
@@ -214,7 +219,7 @@ class ClipPort(PickPlacePolicy[DenseView]):
     def embed(self, views: Sequence[View]) -> DenseView:
         heightmap = fuse_views(views, self.config.workspace)
         patch = round(self.config.top_patch / self.config.pixel)
-        inner = self.clip.inner_features(heightmap.rgb, patch)
+        inner = self.clip.inner_features(heightmap.rgb, patch, self.config.skips)
         return DenseView(heightmap, (self.last_features(heightmap.rgb, patch), *inner))
 
     @property

@@ -11,16 +11,27 @@ import torch
 from torch import nn
 from typing_extensions import override
 
-from gem_lite import language
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries, Query
-from gem_lite.maps import locations, semantic_map, sources
+from gem_lite.maps import sources
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
+from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.base import Choice, PickPlacePolicy
+from gem_lite.policies.gates import Gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
-from gem_lite.policies.samples import RGBD, Cell, Inputs, PreparedStep, crop_at, cross_entropy, label, to_rgbd
+from gem_lite.policies.samples import (
+    HEIGHT_SCALE,
+    RGBD,
+    Cell,
+    Inputs,
+    PreparedStep,
+    crop_at,
+    cross_entropy,
+    label,
+    to_rgbd,
+)
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
@@ -109,61 +120,6 @@ class PlaceModule(ActionModule):
 
 
 @dataclass(frozen=True)
-class QueryMaps:
-    """The semantic maps of one query, (H, W) float32; ``image`` is None if there is no picture to compare with."""
-
-    text: np.ndarray
-    image: np.ndarray | None
-    fused: np.ndarray
-
-
-def joined(members: Sequence[QueryMaps]) -> QueryMaps:
-    """The maps of "X and Y": the members' maps are scaled to equally high peaks; each cell gets the largest value.
-
-    CLIP's cosines may be lower for X than for Y. Without the scaling, X would be darker than Y in the joined map.
-    """
-    images = [member.image for member in members if member.image is not None]
-    return QueryMaps(
-        _scaled_maximum([member.text for member in members]),
-        _scaled_maximum(images) if images else None,
-        _scaled_maximum([member.fused for member in members]),
-    )
-
-
-def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
-    """The maximum (H, W) of maps (H, W), each scaled to the highest peak, unless it is nowhere positive."""
-    peaks = [member.max() for member in maps]
-    highest = float(max(peaks))
-    scaled = [
-        member * np.float32(highest / peak) if peak > 0 else member for member, peak in zip(maps, peaks, strict=True)
-    ]
-    return np.maximum.reduce(scaled)
-
-
-def near_peak(semantic: torch.Tensor, allowed: torch.Tensor, config: GemConfig) -> torch.Tensor:
-    """The allowed cells close to cells where a semantic map is near its highest allowed value.
-
-    "Near" means at most ``config.peak_margin`` below it, "close" within ``config.peak_radius``. The networks weigh a
-    map against their other inputs, and may prefer an object on which the map is low. This rule lets the map choose the
-    object; the networks choose among the cells that are left.
-
-    Args:
-        semantic: (..., H, W); one peak is taken over all of it.
-        allowed: (..., H, W) bool, at least one of them.
-
-    Returns:
-        (..., H, W) bool. Without a margin, all of ``allowed``.
-    """
-    if config.peak_margin is None:
-        return allowed
-    highest = (semantic >= semantic[allowed].max() - config.peak_margin) & allowed
-    reach = round(config.peak_radius / config.pixel)
-    maps = highest.float().reshape(-1, 1, *highest.shape[-2:])
-    near = nn.functional.max_pool2d(maps, 2 * reach + 1, stride=1, padding=reach)
-    return near.view_as(semantic).bool() & allowed
-
-
-@dataclass(frozen=True)
 class Decision(Choice):
     """A choice with all maps that led to it, for figures.
 
@@ -211,32 +167,12 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return self.source.embed(views)
 
     def maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None = None) -> QueryMaps:
-        """A query's maps: Eq. 1-4 without the depth, which the networks add.
+        """A query's maps, see `query_maps`.
 
         Args:
             hidden: an episode whose crops must not be retrieved; in training, the step's own.
         """
-        if self.config.conjuncts and isinstance(query, str):
-            return joined([self._located_maps(scene, member, hidden) for member in language.conjuncts(query)])
-        return self._located_maps(scene, query, hidden)
-
-    def _located_maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None) -> QueryMaps:
-        """The maps of a query; a location word at its beginning chooses among their strongest responses."""
-        maps = self._member_maps(scene, query, hidden)
-        word = locations.location_word(query) if self.config.locations and isinstance(query, str) else None
-        if word is None:
-            return maps
-        workspace = self.config.workspace
-        text = locations.located(maps.text, word, workspace)
-        return QueryMaps(text, maps.image, locations.located(maps.fused, word, workspace))
-
-    def _member_maps(self, scene: SceneEmbedding, query: Query, hidden: EpisodeKey | None) -> QueryMaps:
-        text = self.source.map(scene, query)
-        if not self.retrieves:
-            return QueryMaps(text, None, text)
-        image = semantic_map.image_conditioned_map(scene, query, self.clip, self.memory, hidden)
-        fused = semantic_map.fuse(text, image, self.config.text_weight, self.config.image_weight)
-        return QueryMaps(text, image, fused)
+        return query_maps(self.source, scene, query, self.config, self.memory, hidden)
 
     @override
     def inputs(self, scene: SceneEmbedding, queries: Queries) -> Inputs:
@@ -251,7 +187,7 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Fill ``memory`` with the demonstrations' crops, if the maps need them."""
         if self.retrieves:
-            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch, self.parser)
+            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch, self.read)
             self.memory = CropMemory(crops, self.clip)
 
     @override
@@ -271,11 +207,10 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return self.pick(inputs.rgbd, inputs.maps["pick"], inputs.words["pick"])
 
     @override
-    def candidates(self, inputs: Inputs, empty_picks: Sequence[Pose2], push: bool = False) -> torch.Tensor:
-        allowed = super().candidates(inputs, empty_picks, push)
-        if push:
-            return allowed  # A push starts beside a thing, where its map is low.
-        return near_peak(inputs.maps["pick"][0], allowed, self.config)
+    def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> dict[str, Gate]:
+        if queries.push or self.config.peak_margin is None:
+            return {}  # A push starts beside a thing, where its map is low.
+        return {"pick": Gate(inputs.maps["pick"][0], inputs.rgbd[3] * HEIGHT_SCALE, self.config)}
 
     @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
@@ -304,8 +239,9 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         pick = self.maps(scene, queries.pick)
         place = self.maps(scene, queries.place)
         inputs = self._inputs(scene, queries, pick.fused, place.fused)
+        gates = self.gates(observation.views, inputs, queries)
         return Decision(
-            **vars(self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks)),
+            **vars(self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks, gates)),
             pick_text=pick.text, pick_image=pick.image, pick_map=pick.fused,
             place_text=place.text, place_image=place.image, place_map=place.fused,
         )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 from gem_lite.config import MULTI_TASK, SHARED_ABLATIONS, SHARED_ENDINGS, Ablation
 from gem_lite.maps import sources
-from gem_lite.maps.patches import PatchConfig
+from gem_lite.maps.query_maps import MapConfig
 
 Kernels = Literal["steerable", "unrotated", "free"]
 
@@ -32,7 +32,8 @@ ABLATIONS = {
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
     "without-conjuncts": Ablation('a phrase with "and" is one phrase', {"conjuncts": False}),
-    "without-locations": SHARED_ABLATIONS["without-locations"],
+    "without-locations": Ablation("a location word chooses nothing on a map", {"locations": False}),
+    "without-location-code": SHARED_ABLATIONS["without-location-code"],
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
 }
@@ -44,19 +45,15 @@ off our additions: narrow patches, recolouring, map scaling, conjuncts, location
 
 
 @dataclass(frozen=True)
-class GemConfig(PatchConfig):
+class GemConfig(MapConfig):
     """GEM's numbers.
 
     Attributes:
-        text_weight, image_weight: w1 and w2 of Eq. 4.
         drop_image_map: how often training hides the image-conditioned map.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
-        conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
-        peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a cell where its map is at most
-            ``peak_margin`` below its highest value; with a margin of None it may lie anywhere.
         rotations: n, into how many rotations a kernel is lifted.
         frequency: K, the largest Fourier frequency kept.
         kernel: h, side of the dynamic kernel (pixels, odd).
@@ -65,7 +62,6 @@ class GemConfig(PatchConfig):
         kernel_widths: channels of the language kernel generator's three levels.
         fields: regular fields of the place kernel generator's layers.
         channels: channels that features and kernels share.
-        semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
         kernels: how one kernel becomes one for each angle.
         language_in_attention: whether the attention U-Nets get the words.
     """
@@ -73,26 +69,22 @@ class GemConfig(PatchConfig):
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {
-            **PatchConfig.PRESETS["paper"], "frequency": 16, "kernel": 33, "crop": 33, "widths": (32, 64, 128, 256),
+            **MapConfig.PRESETS["paper"], "frequency": 16, "kernel": 33, "crop": 33, "widths": (32, 64, 128, 256),
             "kernel_widths": (32, 64, 128), "fields": 16,
         },
     }  # fmt: skip
+    ACTING: ClassVar[frozenset[str]] = MapConfig.ACTING | {"conjuncts", "locations", "peak_margin", "peak_radius"}
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = PatchConfig.AFTER_PREPARATION | {
-        "drop_image_map", "map_gain", "map_offset", "recolor", "peak_margin", "peak_radius", "rotations", "frequency",
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = MapConfig.AFTER_PREPARATION | {
+        "drop_image_map", "map_gain", "map_offset", "recolor", "rotations", "frequency",
         "kernel", "crop", "widths", "kernel_widths", "fields", "channels", "kernels", "language_in_attention",
     }  # fmt: skip
 
-    text_weight: float = 0.8
-    image_weight: float = 0.2
     drop_image_map: float = 0.3
     own_crop: bool = False
-    conjuncts: bool = True
     map_gain: tuple[float, float] = (0.5, 1.2)
     map_offset: float = 0.1
     recolor: bool = True
-    peak_margin: float | None = 0.1
-    peak_radius: float = 0.0125
     rotations: int = 180
     frequency: int = 8
     kernel: int = 17
@@ -101,7 +93,6 @@ class GemConfig(PatchConfig):
     kernel_widths: tuple[int, ...] = (32, 48, 64)
     fields: int = 6
     channels: int = 3
-    semantic_map: str = "multi-view"
     kernels: Kernels = "steerable"
     language_in_attention: bool = True
 

@@ -109,6 +109,40 @@ def of_card(card: dict) -> tuple[type[PickPlacePolicy], Config]:
     return method, config
 
 
+def trained(name: str) -> str:
+    """The method whose checkpoint can act as ``name``: without the endings that change rules of acting alone.
+
+    Raises:
+        ValueError: see `find`.
+    """
+    method, config = find(name)
+    kept = [ending for ending in config.ablations if not acts_alone(config, ending)]
+    return "-".join([method.method, *kept])
+
+
+def acts_alone(config: Config, ending: str) -> bool:
+    """Whether an ending changes rules of acting alone (`Config.ACTING`), so that a trained policy can take it."""
+    changes = set(config.ablation(ending).changes)
+    return bool(changes) and changes <= config.ACTING
+
+
+def acting_as(card: dict, name: str) -> tuple[type[PickPlacePolicy], Config]:
+    """As `of_card`, with the configuration by which a checkpoint acts as the method ``name``.
+
+    Raises:
+        ValueError: see `of_card`; the checkpoint holds another method, and differs by more than rules of acting.
+    """
+    method, config = of_card(card)
+    wanted_method, endings = split(name)
+    missing = [ending for ending in endings if ending not in config.ablations]
+    same = (wanted_method, set(config.ablations) <= set(endings)) == (method.method, True)
+    if not same or not all(acts_alone(config, ending) for ending in missing):
+        raise ValueError(f"the checkpoint holds {method.method}{config.variant}, not {canonical(name)}")
+    for ending in missing:
+        config = config.ablated(ending)
+    return method, config
+
+
 def canonical(name: str) -> str:
     """The name as checkpoints and results hold it: with its endings in the order of the method's `Config.ABLATIONS`.
 

@@ -23,20 +23,20 @@ TABLE_GRAY = 0.2
 TABLE_LEVEL = 49
 """The bare table's gray level, in [0, 255], in the light in which demonstrations are collected."""
 BARE_HEIGHT = 0.005
-"""A cell of the height map that is lower (m) shows the bare table."""
+"""A cell of the height map that is at most this much (m) above the table shows the bare table."""
 RGBD = 4
 """Channels of colour and height."""
 
 
 def exposure(heightmap: HeightMap) -> float:
-    """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
+    """The factor on all colours that gives the bare table `TABLE_LEVEL`.
 
     A brighter lamp makes table and objects brighter by the same factor, and the table is the same in every scene. So
-    the table shows how bright the lamp is, like a photographer's gray card.
+    the table shows how bright the lamp is, like a photographer's gray card. Most of the map is table, so the table lies
+    at the median height, also where the cameras' poses are some millimetres off.
     """
-    bare = heightmap.rgb[heightmap.height < BARE_HEIGHT]
-    level = float(np.median(bare)) if len(bare) else TABLE_LEVEL
-    return TABLE_LEVEL / max(level, 1.0)
+    bare = heightmap.rgb[heightmap.height < np.median(heightmap.height) + BARE_HEIGHT]
+    return TABLE_LEVEL / max(float(np.median(bare)), 1.0)
 
 
 def to_rgbd(heightmap: HeightMap) -> torch.Tensor:

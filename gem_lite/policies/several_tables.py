@@ -14,12 +14,13 @@ from typing import Literal
 import numpy as np
 import torch
 
-from gem_lite.actions import PickPlace
+from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.language import Queries
 from gem_lite.policies import gem
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import PickPlacePolicy, acting, unmoved
+from gem_lite.policies.gates import near_peak
 from gem_lite.policies.gem import ActionModule
-from gem_lite.policies.samples import Inputs, collate
+from gem_lite.policies.samples import HEIGHT_SCALE, Inputs, collate
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
@@ -56,7 +57,7 @@ def score_tables(
 
 @dataclass(frozen=True)
 class MobileChoice:
-    """One pick and one place over N tables, and the inputs and logits that led to them.
+    """One pick and one place over N tables, or one push, and the inputs and logits that led to them.
 
     ``pick_logits`` and ``place_logits`` are (N, R, H, W). ``pick`` is in the frame of table ``pick_table``. ``place``
     is in the frame of table ``place_table``; its yaw is the gripper's.
@@ -74,8 +75,10 @@ class MobileChoice:
     place: Pose2
 
     @property
-    def action(self) -> PickPlace:
+    def action(self) -> Action:
         """The action to do."""
+        if self.queries.push:
+            return Push(self.pick, self.place, self.pick_table)
         return PickPlace(self.pick, self.place, self.pick_table, self.place_table)
 
 
@@ -95,7 +98,7 @@ def check_policy(policy: PickPlacePolicy) -> gem.Policy:
 
 @torch.inference_mode()
 def choose(policy: gem.Policy, observations: Sequence[Observation], instruction: str | Queries) -> MobileChoice:
-    """The best pick over all tables, then the best place for it over all tables.
+    """The best pick over all tables, then the best place for it over all tables; a push stays on its table.
 
     Raises:
         ValueError: `check_policy` refuses the policy, there is no observation, or the parser refuses the instruction.
@@ -107,29 +110,39 @@ def choose(policy: gem.Policy, observations: Sequence[Observation], instruction:
     scenes = [policy.embed(observation.views) for observation in observations]
     table_inputs = [policy.inputs(scene, queries) for scene in scenes]
     inputs = collate(table_inputs, policy.device)
-    policy.eval()
     workspace = policy.config.workspace
     bins = angle_bins(policy.config.angles)
-
-    pick_logits = score_tables(policy.pick, inputs, "pick", policy.pick.kernel(inputs.words["pick"][:1]))
-    semantic = inputs.maps["pick"][:, 0]
-    candidates = gem.near_peak(semantic, torch.ones_like(semantic, dtype=torch.bool), policy.config)
-    pick_table, (angle, *pixel) = _best(pick_logits.masked_fill(~candidates[:, None], -torch.inf))
-    pick = Pose2(*workspace.to_world(*pixel), bins[angle])
-    pick_inputs = collate([table_inputs[pick_table]], policy.device)
-    kernel = policy.place.kernel(policy.place_crop(pick_inputs, torch.tensor([pixel])))
-    place_logits = score_tables(policy.place, inputs, "place", kernel)
-    place_table, (angle, *pixel) = _best(place_logits)
+    with acting(policy):
+        pick_logits = score_tables(policy.pick, inputs, "pick", policy.pick.kernel(inputs.words["pick"][:1]))
+        pick_table, (pick_angle, *pick_pixel) = _best(pick_logits, _pick_cells(policy, inputs, queries)[:, None])
+        pick_inputs = collate([table_inputs[pick_table]], policy.device)
+        kernel = policy.place.kernel(policy.place_crop(pick_inputs, torch.tensor([pick_pixel])))
+        place_logits = score_tables(policy.place, inputs, "place", kernel)
+    allowed = torch.ones(place_logits.shape, dtype=torch.bool)
+    allowed[pick_table] = ~unmoved(place_logits.shape[1:], (pick_pixel[0], pick_pixel[1]), queries.push)
+    if queries.push:  # A blade does not leave its table.
+        allowed[torch.arange(len(allowed)) != pick_table] = False
+    place_table, (place_angle, *place_pixel) = _best(place_logits, allowed)
+    pick = Pose2(*workspace.to_world(*pick_pixel), bins[pick_angle])
     # Δ turns the crop's picture, from the pick's table, into the picture of the place's table.
-    place = Pose2(*workspace.to_world(*pixel), pick.yaw + bins[angle])
+    place = Pose2(*workspace.to_world(*place_pixel), pick.yaw + bins[place_angle])
     return MobileChoice(
         str(instruction), queries, tuple(scene.heightmap for scene in scenes), collate(table_inputs),
         pick_logits.numpy(force=True), place_logits.numpy(force=True), pick_table, pick, place_table, place,
     )  # fmt: skip
 
 
-def _best(logits: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
-    """The table and its cell (angle, row, column) with the largest of the logits (N, R, H, W)."""
-    panorama = stitch(logits).cpu()
+def _pick_cells(policy: gem.Policy, inputs: Inputs, queries: Queries) -> torch.Tensor:
+    """(N, H, W) bool: where a pick is allowed, near the peak of all tables' maps; a push may start anywhere."""
+    semantic = inputs.maps["pick"][:, 0]
+    everywhere = torch.ones_like(semantic, dtype=torch.bool)
+    if queries.push:
+        return everywhere
+    return near_peak(semantic, HEIGHT_SCALE * inputs.rgbd[:, 3], everywhere, policy.config)
+
+
+def _best(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
+    """The table and its cell (angle, row, column) with the largest of the allowed logits (N, R, H, W)."""
+    panorama = stitch(logits.masked_fill(~allowed.to(logits.device), -torch.inf)).cpu()
     angle, row, column = np.unravel_index(int(panorama.argmax()), panorama.shape)
     return split((int(angle), int(row), int(column)), logits.shape[-1])

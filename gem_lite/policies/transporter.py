@@ -11,8 +11,9 @@ learn turns of the goal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import torch
@@ -20,9 +21,11 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import Config
+from gem_lite.config import SHARED_ENDINGS, Ablation, Config
 from gem_lite.language import Queries
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.maps.query_maps import MapConfig
+from gem_lite.policies.base import PickPlacePolicy, SceneT
+from gem_lite.policies.gates import Gate, RivalGates
 from gem_lite.policies.networks import UNet
 from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.rgbd.camera import View
@@ -39,17 +42,34 @@ class KeyQueryConfig(Config):
         widths: channels of the U-Nets' four levels.
         channels: channels that key and query share.
         query: side of the crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
+        pick_angles: at how many angles a pick is scored; None: at ``angles``, as GEM's. CLIPort has one.
+        map_rules: whether the policy keeps to GEM's rules where it acts (`RivalGates`).
     """
+
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
+        "with-wide-crops": Ablation("the crop at the pick has 31 pixels, in lite the 0.2 m of CLIPort", {"query": 31}),
+        "with-one-pick-angle": Ablation("every pick has the yaw 0, as CLIPort's", {"pick_angles": 1}),
+        "with-map-rules": Ablation(
+            "acts by GEM's rules: picks near the peak of a text map, location words", {"map_rules": True}
+        ),
+        **SHARED_ENDINGS,
+    }
+    ADDED: ClassVar[frozenset[str]] = Config.ADDED | {"pick_angles", "map_rules"}
+    ACTING: ClassVar[frozenset[str]] = Config.ACTING | {"map_rules"}
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {**Config.PRESETS["paper"], "widths": (32, 64, 128, 256), "query": 31},
     }
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {"widths", "channels", "query"}
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {
+        "widths", "channels", "query", "pick_angles", "map_rules",
+    }  # fmt: skip
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
     channels: int = 3
     query: int = 15
+    pick_angles: int | None = None
+    map_rules: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,15 +80,23 @@ class TransporterConfig(KeyQueryConfig):
         joins: at how many levels the words are joined to the U-Nets, from the bottleneck up. The paper has 1. The cells
             of `lite`'s bottleneck are twice as wide as the paper's, wider than a block; those of its next level are as
             wide as the paper's.
+        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`). The picture is all
+            that this method knows of colours.
     """
 
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
+        "with-recoloring": Ablation("training exchanges and scales the colours", {"recolor": True}),
+        **KeyQueryConfig.ABLATIONS,
+    }
+    ADDED: ClassVar[frozenset[str]] = KeyQueryConfig.ADDED | {"recolor"}
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
     }
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins"}
+    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins", "recolor"}
 
     joins: int = 2
+    recolor: bool = False
 
 
 def turned_crops(
@@ -144,6 +172,27 @@ class KeyQuery(nn.Module):
         return features[..., : self.size, : self.size].unflatten(0, (len(image), count)) / self.size
 
 
+class Rival(PickPlacePolicy[SceneT]):
+    """What Transporter-Lan and CLIPort share: one pick angle and GEM's rules, if their configuration says so."""
+
+    config: KeyQueryConfig
+
+    @property
+    @override
+    def pick_angles(self) -> int:
+        return self.config.pick_angles or self.config.angles
+
+    @cached_property
+    def _rival_gates(self) -> RivalGates:
+        config = MapConfig.preset(self.config.name)
+        same = {name: getattr(self.config, name) for name in ("table", "pixel", "rectangle", "locations", "parsing")}
+        return RivalGates(self.clip, replace(config, **same))
+
+    @override
+    def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> Mapping[str, Gate]:
+        return self._rival_gates.gates(views, queries) if self.config.map_rules else {}
+
+
 @dataclass(frozen=True)
 class TopView:
     """Transporter-Lan's scene: the table from above."""
@@ -151,7 +200,7 @@ class TopView:
     heightmap: HeightMap
 
 
-class TransporterLan(PickPlacePolicy[TopView]):
+class TransporterLan(Rival[TopView]):
     """Transporter Networks with language: of CLIP they use only the embeddings of the queries."""
 
     method = "transporter-lan"
@@ -163,7 +212,12 @@ class TransporterLan(PickPlacePolicy[TopView]):
         c = self.config
         words = self.language_dim
         key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
-        return UNet(RGBD, c.angles, words, c.widths, c.joins), KeyQuery(key, query, c)
+        return UNet(RGBD, self.pick_angles, words, c.widths, c.joins), KeyQuery(key, query, c)
+
+    @property
+    @override
+    def recolors(self) -> bool:
+        return self.config.recolor
 
     @override
     def embed(self, views: Sequence[View]) -> TopView:

@@ -1,0 +1,244 @@
+"""Rules of acting: near the peak of a map, empty picks, acts that change nothing, what a trained policy may change."""
+
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip, tasks
+from gem_lite.actions import PickPlace, Push
+from gem_lite.evaluation import evaluate
+from gem_lite.language import Queries
+from gem_lite.maps import locations
+from gem_lite.maps.query_maps import MapConfig
+from gem_lite.policies import checkpoints, methods
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.gates import Gate, near_peak
+from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.samples import Inputs
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.world import World
+
+D = 16
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12
+)
+SHAPE = SMALL.workspace.shape
+EVERYWHERE = torch.ones(SHAPE, dtype=torch.bool)
+FLAT = torch.zeros(SHAPE)
+
+
+def policy_of(name="gem", **values):
+    method, config = methods.find(name)
+    small = dataclasses.replace(config, widths=(4, 4, 8, 8), angles=12, **values)
+    return method(small, types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8, 8)))
+
+
+def scores_at(*cells):
+    """Logits (1, R, H, W) that are 0 but for cells (angle, row, col, value)."""
+    scores = torch.zeros(1, SMALL.angles, *SHAPE)
+    for angle, row, col, value in cells:
+        scores[0, angle, row, col] = value
+    return scores
+
+
+def choose(policy, monkeypatch, pick, place, empty_picks=(), push=False, gates=None):
+    monkeypatch.setattr(policy, "score_pick", lambda inputs: pick)
+    monkeypatch.setattr(policy, "score_place", lambda inputs, picks: place)
+    inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
+    return policy.choose("", Queries("block", "square", push=push), None, inputs, empty_picks, gates or {})
+
+
+# Near the peak
+
+
+def spots(*cells):
+    semantic = torch.zeros(SHAPE)
+    for row, col, value in cells:
+        semantic[row, col] = value
+    return semantic
+
+
+def test_near_is_a_disc_of_the_radius():
+    # 12.5 mm are two cells: (2, 0) is near, (2, 1) with 14 mm and (2, 2) with 17.7 mm are not.
+    near = near_peak(spots((40, 40, 1.0)), FLAT, EVERYWHERE, LITE)
+    rows, cols = np.nonzero(near.numpy())
+    distances = LITE.pixel * np.hypot(rows - 40, cols - 40)
+    assert distances.max() == pytest.approx(LITE.peak_radius)
+    assert near.sum() == 13
+
+
+def test_of_several_tables_the_highest_value_counts_for_all():
+    semantic = torch.stack([spots((20, 20, 1.0)), spots((50, 50, 0.95), (10, 60, 0.85))])
+    allowed = torch.ones_like(semantic, dtype=torch.bool)
+    height = torch.zeros_like(semantic)
+    near = near_peak(semantic, height, allowed, LITE)
+    assert near[0, 20, 20] and near[1, 50, 50] and near.sum() == 26, "one peak on each table; 0.85 is too low"
+    # An excluded peak is none: then the next one counts.
+    allowed[0, 20, 20] = allowed[1, 50, 50] = False
+    near = near_peak(semantic, height, allowed, LITE)
+    assert near[1, 10, 60] and near.sum() == 13
+    assert torch.equal(near_peak(semantic, height, allowed, dataclasses.replace(LITE, peak_margin=None)), allowed)
+
+
+def test_the_whole_thing_is_near_and_no_other():
+    # A long thing whose map fades from one end to the other; beside it, apart, another one with the same values.
+    semantic = torch.zeros(SHAPE)
+    height = torch.zeros(SHAPE)
+    semantic[40, 20:50] = torch.linspace(1.0, 0.75, 30)
+    semantic[80, 20:50] = 0.75
+    height[40, 20:50] = height[80, 20:50] = 0.01
+    near = near_peak(semantic, height, EVERYWHERE, LITE)
+    assert near[40, 20:50].all() and not near[70:90].any()
+    # Flat on the table, it does not rise, and only the peak counts.
+    assert not near_peak(semantic, FLAT, EVERYWHERE, LITE)[40, 40:50].any()
+
+
+@pytest.fixture(scope="module")
+def multi():
+    return checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load())
+
+
+def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi):
+    # Before, "near" ended within the rope: 6 of 37 of the expert's picks were forbidden.
+    allowed = []
+    with World() as world:
+        for index in range(3):
+            task = tasks.make("align-rope", "val")
+            (observation,) = world.reset(task, tasks.episode_seed("val", index))
+            for _ in range(4):
+                action = evaluate.expert(world)
+                if action is None:
+                    break
+                scene = multi.embed(observation.views)
+                queries = multi.read(task.instruction)
+                gate = multi.gates(observation.views, multi.inputs(scene, queries), queries)["pick"]
+                cells = gate.cells(EVERYWHERE)
+                assert cells.float().mean() < 0.1
+                allowed.append(bool(cells[multi.config.workspace.nearest_cell(action.pick.x, action.pick.y)]))
+                step = world.step(action)
+                (observation,) = step.observations
+    assert len(allowed) > 8 and all(allowed)
+
+
+def test_a_push_may_start_away_from_the_peak_of_its_map():
+    policy = policy_of()
+    semantic = spots((40, 40, 1.0))[None]
+    inputs = Inputs(rgbd=torch.zeros(4, *SHAPE), maps={"pick": semantic, "place": semantic})
+    gate = policy.gates((), inputs, Queries("block", "square"))["pick"]
+    assert gate.cells(EVERYWHERE)[40, 40] and gate.cells(EVERYWHERE).sum() < 30
+    assert policy.gates((), inputs, Queries("block", "square", push=True)) == {}
+    assert policy_of("gem-without-peak").gates((), inputs, Queries("block", "square")) == {}
+
+
+# Choosing
+
+
+@pytest.mark.parametrize("name", ["gem", "transporter-lan", "cliport"])
+def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_table(name, monkeypatch):
+    policy = policy_of(name)
+    pick = scores_at((0, 40, 40, 2.0), (0, 80, 20, 1.0))
+    place = scores_at((0, 100, 60, 1.0))
+    tried = Pose2(*SMALL.workspace.to_world(40, 40))
+    assert choose(policy, monkeypatch, pick, place).pick_cell[1:] == (40, 40)
+    assert choose(policy, monkeypatch, pick, place, [tried]).pick_cell[1:] == (80, 20)
+    rows, cols = np.indices(SHAPE)
+    everything = [
+        Pose2(x, y) for x, y in np.stack(SMALL.workspace.to_world(rows, cols), axis=-1)[::2, ::2].reshape(-1, 2)
+    ]
+    gates = {"pick": Gate(spots((40, 40, 1.0)), FLAT, MapConfig())}
+    assert choose(policy, monkeypatch, pick, place, everything, gates=gates).pick_cell[1:] == (40, 40)
+
+
+@pytest.mark.parametrize("name", ["gem", "transporter-lan", "cliport"])
+def test_no_act_changes_nothing(name, monkeypatch):
+    policy = policy_of(name)
+    pick = scores_at((0, 40, 40, 2.0))
+    # Back in its cell and not turned: the second best is taken. Turned in its cell it is another act.
+    place = scores_at((0, 40, 40, 3.0), (2, 40, 40, 2.0), (0, 90, 20, 1.0))
+    chosen = choose(policy, monkeypatch, pick, place)
+    assert chosen.place_cell == (2, 40, 40) and isinstance(chosen.action, PickPlace)
+    pushed = choose(policy, monkeypatch, pick, place, push=True)
+    assert pushed.place_cell == (0, 90, 20) and isinstance(pushed.action, Push)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_acting_leaves_the_mode_as_it_was(training):
+    policy = Policy(SMALL, types.SimpleNamespace(dim=D)).train(training)
+    semantic = torch.rand(1, *SHAPE)
+    words = {"pick": torch.randn(policy.language_dim), "place": torch.randn(policy.language_dim)}
+    inputs = Inputs(rgbd=torch.rand(4, *SHAPE), maps={"pick": semantic, "place": semantic}, words=words)
+    policy.choose("", Queries("block", "square"), None, inputs)
+    assert {module.training for module in policy.modules()} == {training}
+
+
+# Rules that a trained policy may change
+
+
+def test_names_of_rules_alone_share_their_training():
+    assert methods.trained("gem-multi-without-peak-without-locations") == "gem-multi"
+    assert methods.trained("gem-without-conjuncts-without-parsing") == "gem-without-parsing"
+    assert methods.trained("cliport-with-map-rules") == "cliport"
+    assert methods.trained("cliport-with-wide-crops-with-map-rules") == "cliport-with-wide-crops"
+
+
+def test_a_trained_policy_acts_by_other_rules_and_keeps_its_networks(multi):
+    card = checkpoints.read_card(clip.DATA / "gem-multi.safetensors")
+    _, config = methods.acting_as(card, "gem-multi-without-peak-without-locations")
+    assert config.variant == "-without-locations-without-peak-multi"
+    assert (config.peak_margin, config.locations, config.location_code) == (None, False, True)
+    for other in ("gem-multi-without-semantic-map", "gem", "cliport-multi"):
+        with pytest.raises(ValueError, match="the checkpoint holds gem-multi, not"):
+            methods.acting_as(card, other)
+    with pytest.raises(ValueError, match="config may differ from the policy's in"):
+        multi.act_as(multi.config.ablated("without-recoloring"))
+    with pytest.raises(ValueError, match="config may differ from the policy's in"):
+        multi.act_as(methods.find("cliport-multi")[1])
+
+
+class _Map:
+    """A source whose maps are given, by the query."""
+
+    uses_views = False
+
+    def __init__(self, maps):
+        self.maps = maps
+
+    def embed(self, views):
+        return types.SimpleNamespace(heightmap=types.SimpleNamespace(height=FLAT.numpy()))
+
+    def map(self, scene, query):
+        return self.maps[query].numpy()
+
+
+def test_a_rival_with_the_rules_keeps_to_the_same_cells_as_gem(monkeypatch):
+    rival = policy_of("transporter-lan", map_rules=True)
+    two = spots((40, 20, 1.0), (40, 60, 1.0))
+    monkeypatch.setattr(rival, "_rival_gates", rival.__class__._rival_gates.func(rival))
+    rival._rival_gates.source = _Map({"red block": spots((100, 40, 1.0)), "left star hole": two, "star hole": two})
+    gates = rival.gates((), None, Queries("red block", "left star hole"))
+    pick = scores_at((0, 10, 10, 5.0), (3, 101, 40, 1.0))
+    place = scores_at((0, 40, 60, 5.0), (1, 41, 20, 1.0))
+    chosen = choose(rival, monkeypatch, pick, place, gates=gates)
+    assert chosen.pick_cell == (3, 101, 40) and chosen.place_cell == (1, 41, 20)
+    assert set(rival.gates((), None, Queries("red block", "star hole"))) == {"pick"}, "as GEM's place, free"
+    assert set(rival.gates((), None, Queries("red block", "left star hole", push=True))) == {"place"}
+    assert policy_of("transporter-lan").gates((), None, Queries("red block", "left star hole")) == {}
+    assert locations.location_word("left star hole") == "left"
+
+
+@pytest.mark.parametrize("name", ["transporter-lan-with-one-pick-angle", "cliport-with-one-pick-angle"])
+def test_one_pick_angle_is_yaw_0(name, monkeypatch):
+    policy = policy_of(name)
+    assert policy.pick_angles == 1
+    place = scores_at((3, 90, 20, 1.0))
+    chosen = choose(policy, monkeypatch, scores_at((0, 40, 40, 2.0))[:, :1], place)
+    assert chosen.action.pick.yaw == 0
+    assert chosen.action.delta == pytest.approx(np.pi / 2)
+
+
+def test_a_method_of_somebody_else_has_no_gates():
+    assert PickPlacePolicy.gates(None, (), None, Queries("a", "b")) == {}
