@@ -9,12 +9,14 @@ import torch.nn.functional as F
 
 from gem_lite import clip
 from gem_lite.learning import train
-from gem_lite.maps import semantic_map, sources
+from gem_lite.maps import locations, semantic_map, sources
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import PickModule, Policy
 from gem_lite.policies.gem_config import ABLATIONS, LITE, GemConfig
 from gem_lite.policies.networks import parameter_count
+from gem_lite.policies.samples import Inputs
 
 D = 16
 SMALL = dataclasses.replace(
@@ -224,6 +226,58 @@ def test_without_parsing_both_modules_hear_the_whole_sentence(model):
     assert torch.equal(words["pick"], words["place"])
     with pytest.raises(ValueError, match="empty"):
         policy.read(" ")
+
+
+def test_without_parsing_a_whole_sentence_finds_the_crop_of_its_like_and_is_one_query(model, demos):
+    policy = Policy(SMALL.ablated("without-parsing"), model)
+    policy.remember(demos)
+    sentence = demos[0].steps[0].instruction
+    assert {entry.phrase for entry in policy.memory.entries} == {sentence}
+    scene = policy.embed(demos[0].steps[0].observation.views)
+    assert policy.maps(scene, sentence).image is not None
+    # "and" and location words of a sentence are left to CLIP.
+    both = "put the red and blue blocks in a bowl"
+    expected = semantic_map.text_conditioned_map(scene, both, model)
+    assert np.array_equal(policy.maps(scene, both).text, expected)
+
+
+@pytest.mark.parametrize("ending", ["with-single-view", "without-semantic-map", "without-image-map"])
+def test_location_words_change_only_what_another_response_owns(ending, model, demos):
+    policy = Policy(SMALL.ablated(ending), model)
+    scene = policy.embed(demos[0].steps[0].observation.views)
+    for phrase in ("left block", "right block", "middle block"):
+        word = policy.maps(scene, phrase).fused
+        plain = Policy(SMALL.ablated(ending).ablated("without-locations"), model).maps(scene, phrase).fused
+        assert (word <= plain).all()
+        if ending == "without-semantic-map":
+            assert np.array_equal(word, plain)
+        else:
+            row, col = np.unravel_index(word.argmax(), word.shape)
+            assert word.max() > plain.max() - locations.WITHIN and word[row, col] == plain[row, col]
+
+
+def test_a_location_word_acts_on_the_fused_map_and_on_the_text_map(model, demos):
+    policy = Policy(SMALL, model)
+    scene = policy.embed(demos[0].steps[0].observation.views)
+    policy.memory = CropMemory(
+        [CropEntry("left block", scene.heightmap.rgb[:20, :20].copy(), "task", 0)], model
+    )  # fmt: skip
+    free = Policy(SMALL.ablated("without-locations"), model, policy.memory).maps(scene, "left block")
+    maps = policy.maps(scene, "left block")
+    assert free.image is not None and not np.array_equal(free.fused, free.text)
+    for name in ("text", "fused"):
+        expected = locations.located(getattr(free, name), "left", SMALL.workspace)
+        assert np.array_equal(getattr(maps, name), expected)
+        assert not np.array_equal(expected, getattr(free, name))
+
+
+def test_the_place_crop_has_the_map_of_the_pick(model):
+    policy = Policy(SMALL, model)
+    maps = {"pick": torch.rand(1, 1, 32, 32), "place": torch.rand(1, 1, 32, 32)}
+    crop = policy.place_crop(Inputs(rgbd=torch.rand(1, 4, 32, 32), maps=maps), torch.tensor([[16, 16]]))
+    half = SMALL.crop // 2
+    around = np.s_[16 - half : 17 + half]
+    assert torch.equal(crop[0, 4], maps["pick"][0, 0, around, around])
 
 
 def test_an_unrotated_kernel_knows_no_angle():

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from gem_lite import clip, tasks
-from gem_lite.actions import PickPlace
+from gem_lite.actions import PickPlace, Push
 from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
@@ -141,6 +141,50 @@ def test_the_order_of_tables_does_not_matter(policy, observations):
     one, other = (several_tables.choose(policy, seen, sentence) for seen in (observations, observations[::-1]))
     assert (one.pick_table, one.place_table) == (2 - other.pick_table, 2 - other.place_table)
     assert (one.pick, one.place) == (other.pick, other.place)
+
+
+def scored(monkeypatch, pick, place):
+    """Makes `choose` find these cells: (table, angle, row, col, value) of the pick's and of the place's logits."""
+
+    def score_tables(module, inputs, role, kernel):
+        logits = torch.zeros(len(inputs.rgbd), MOBILE.angles, *MOBILE.workspace.shape)
+        for table, angle, row, col, value in pick if role == "pick" else place:
+            logits[table, angle, row, col] = value
+        return logits
+
+    monkeypatch.setattr(several_tables, "score_tables", score_tables)
+
+
+def test_the_place_yaw_adds_the_angle_to_the_yaw_of_the_pick(policy, observations, monkeypatch):
+    free = Policy(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
+    scored(monkeypatch, [(1, 5, 30, 20, 1.0)], [(2, 7, 90, 60, 1.0)])
+    choice = several_tables.choose(free, observations, "pick the mug and place into the recycle box")
+    assert (choice.pick_table, choice.place_table) == (1, 2)
+    step = math.radians(360 / MOBILE.angles)
+    x, y = MOBILE.workspace.to_world(30, 20)
+    assert (choice.pick.x, choice.pick.y, choice.pick.yaw) == pytest.approx((x, y, 5 * step))
+    x, y = MOBILE.workspace.to_world(90, 60)
+    assert (choice.place.x, choice.place.y, choice.place.yaw) == pytest.approx((x, y, 12 * step))
+    assert choice.action == PickPlace(choice.pick, choice.place, 1, 2)
+    assert choice.action.delta == pytest.approx(7 * step)
+
+
+def test_nothing_is_put_back_as_it_lay_on_its_own_table(policy, observations, monkeypatch):
+    free = Policy(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
+    pick = [(1, 5, 30, 20, 1.0)]
+    sentence = "pick the mug and place into the recycle box"
+    scored(monkeypatch, pick, [(1, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
+    assert several_tables.choose(free, observations, sentence).place_table == 0
+    scored(monkeypatch, pick, [(2, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
+    assert several_tables.choose(free, observations, sentence).place_table == 2, "the same cell of another table"
+
+
+def test_a_push_stays_on_its_table(policy, observations, monkeypatch):
+    scored(monkeypatch, [(1, 5, 30, 20, 1.0)], [(2, 0, 90, 60, 3.0), (1, 0, 30, 20, 2.0), (1, 4, 80, 10, 1.0)])
+    choice = several_tables.choose(policy, observations, "push the pile of red blocks into the green square")
+    assert isinstance(choice.action, Push) and choice.action.table == 1
+    x, y = MOBILE.workspace.to_world(80, 10)
+    assert (choice.action.end.x, choice.action.end.y) == pytest.approx((x, y))
 
 
 def test_no_table_is_refused(policy):

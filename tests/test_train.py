@@ -310,6 +310,25 @@ def test_and_means_two_phrases(prepared, model, demonstrations_small):
     assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, both)
 
 
+def test_acting_between_two_steps_changes_no_training(prepared, model, demonstrations_small):
+    # e2cnn keeps a filter in evaluation mode; with it, the place kernel had no gradient.
+    seen = demonstrations_small[0].steps[0]
+
+    def trained(acts):
+        policy = Policy(SMALL, model, prepared[1], seed=1)
+        learner = train.Learner(policy, train.Accelerator(cpu=True))
+        for step in prepared[0][:3]:
+            if acts:
+                policy.act(seen.observation, seen.instruction)
+            learner.step([step.with_image], 1e-3)
+        return policy
+
+    plain, acting = trained(False), trained(True)
+    kernels = [parameter.grad.abs().max() for parameter in acting.place.kernel.parameters()]
+    assert min(kernels) > 0
+    assert torch.equal(weights(plain), weights(acting))
+
+
 def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
     # One episode alone: every crop in the memory is its own.
     steps, _ = prepare(demonstrations_small[:1], model, dataclasses.replace(SMALL, own_crop=True))
