@@ -48,6 +48,18 @@ def test_networks_see_the_light_of_the_demonstrations():
     assert medians["bright-light"] > 1.3 * medians["home"] > 1.3 * medians["shadows"]
 
 
+@pytest.mark.parametrize("millimetres", [-12, -6, 4, 6, 12])
+def test_a_table_that_is_seen_too_high_is_still_the_gray_card(millimetres):
+    # With a fixed limit of 5 mm, the factor jumped between 4 and 6 mm: nothing but things was left as bare.
+    workspace = Workspace()
+    rgb = np.full((*workspace.shape, 3), 70, np.uint8)
+    height = np.random.default_rng(0).normal(millimetres / 1000, 0.0005, workspace.shape).astype(np.float32)
+    rgb[40:80, 20:50] = 250
+    height[40:80, 20:50] += 0.04
+    seen = HeightMap(workspace, rgb, height, np.ones(workspace.shape, bool))
+    assert exposure(seen) == pytest.approx(TABLE_LEVEL / 70)
+
+
 def test_without_a_bare_cell_colours_stay():
     workspace = Workspace()
     rgb = np.full((*workspace.shape, 3), 200, np.uint8)

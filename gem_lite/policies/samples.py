@@ -22,6 +22,8 @@ TABLE_GRAY = 0.2
 """About the bare table's colour, in [0, 1]. It is subtracted from a network's colours."""
 TABLE_LEVEL = 49
 """The bare table's gray level, in [0, 255], in the light in which demonstrations are collected."""
+TABLE_ERROR = 0.02
+"""The bare table is seen at most this far (m) from z = 0: poses of cameras are some millimetres off."""
 BARE_HEIGHT = 0.005
 """A cell of the height map that is at most this much (m) above the table shows the bare table."""
 RGBD = 4
@@ -29,13 +31,16 @@ RGBD = 4
 
 
 def exposure(heightmap: HeightMap) -> float:
-    """The factor on all colours that gives the bare table `TABLE_LEVEL`.
+    """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
 
     A brighter lamp makes table and objects brighter by the same factor, and the table is the same in every scene. So
-    the table shows how bright the lamp is, like a photographer's gray card. Most of the map is table, so the table lies
-    at the median height, also where the cameras' poses are some millimetres off.
+    the table shows how bright the lamp is, like a photographer's gray card. It lies where it is seen: at the median of
+    the heights near z = 0.
     """
-    bare = heightmap.rgb[heightmap.height < np.median(heightmap.height) + BARE_HEIGHT]
+    low = heightmap.height[np.abs(heightmap.height) <= TABLE_ERROR]
+    if not len(low):
+        return 1.0
+    bare = heightmap.rgb[heightmap.height < np.median(low) + BARE_HEIGHT]
     return TABLE_LEVEL / max(float(np.median(bare)), 1.0)
 
 
