@@ -21,7 +21,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import SHARED_ENDINGS, Ablation
+from gem_lite.config import FLAG, LENGTH, SHARED_ENDINGS, Ablation, Allowed
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
@@ -45,6 +45,7 @@ class ClipPortConfig(KeyQueryConfig):
         **SHARED_ENDINGS,
     }
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"recolor"}
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {**KeyQueryConfig.ALLOWED, "top_patch": LENGTH, "recolor": FLAG}
 
     top_patch: float = 0.125
     recolor: bool = True

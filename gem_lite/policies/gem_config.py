@@ -6,7 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
-from gem_lite.config import MULTI_TASK, SHARED_ABLATIONS, SHARED_ENDINGS, Ablation
+from gem_lite.config import (
+    FLAG,
+    MULTI_TASK,
+    RADIUS,
+    SHARED_ABLATIONS,
+    SHARED_ENDINGS,
+    TEXT,
+    Ablation,
+    Allowed,
+    each,
+    number,
+    one_of,
+    or_none,
+    whole_number,
+)
 from gem_lite.maps import sources
 from gem_lite.maps.patches import PatchConfig
 
@@ -82,6 +96,15 @@ class GemConfig(PatchConfig):
         "drop_image_map", "map_gain", "map_offset", "recolor", "peak_margin", "peak_radius", "rotations", "frequency",
         "kernel", "crop", "widths", "kernel_widths", "fields", "channels", "kernels", "language_in_attention",
     }  # fmt: skip
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **PatchConfig.ALLOWED,
+        "text_weight": number(0, 10), "image_weight": number(0, 10), "drop_image_map": number(0, 1), "own_crop": FLAG,
+        "conjuncts": FLAG, "map_gain": each(number(0, 10), 2), "map_offset": number(0, 10), "recolor": FLAG,
+        "peak_margin": or_none(number(0, 10)), "peak_radius": RADIUS, "rotations": whole_number(1), "frequency": whole_number(0),
+        "kernel": whole_number(1, odd=True), "crop": whole_number(1, odd=True), "widths": each(whole_number(1), 4),
+        "kernel_widths": each(whole_number(1), 3), "fields": whole_number(1), "channels": whole_number(1), "semantic_map": TEXT,
+        "kernels": one_of(get_args(Kernels)), "language_in_attention": FLAG,
+    }  # fmt: skip
 
     text_weight: float = 0.8
     image_weight: float = 0.2
@@ -108,8 +131,12 @@ class GemConfig(PatchConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         sources.SOURCES.find(self.semantic_map)
-        if self.kernels not in get_args(Kernels):
-            raise ValueError(f"kernels must be one of {', '.join(get_args(Kernels))}, got {self.kernels!r}")
+        if 2 * self.frequency >= self.rotations:
+            raise ValueError(
+                f"frequency must be below half of rotations, which is {self.rotations / 2:g}, got {self.frequency}"
+            )
+        if self.map_gain[0] > self.map_gain[1]:
+            raise ValueError(f"map_gain must go from a smaller number to a larger one, got {self.map_gain}")
 
 
 LITE = GemConfig.preset("lite")

@@ -11,7 +11,7 @@ learn turns of the goal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,7 +20,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import Config
+from gem_lite.config import Allowed, Config, each, whole_number
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
@@ -46,6 +46,10 @@ class KeyQueryConfig(Config):
         "paper": {**Config.PRESETS["paper"], "widths": (32, 64, 128, 256), "query": 31},
     }
     AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {"widths", "channels", "query"}
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **Config.ALLOWED, "widths": each(whole_number(1), 4), "channels": whole_number(1),
+        "query": Allowed("one less than a multiple of 16", lambda value: whole_number(15).holds(value) and value % 16 == 15),
+    }  # fmt: skip
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
     channels: int = 3
@@ -67,6 +71,10 @@ class TransporterConfig(KeyQueryConfig):
         "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
     }
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins"}
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **KeyQueryConfig.ALLOWED,
+        "joins": Allowed("a whole number from 1 to 4", lambda value: whole_number(1).holds(value) and value <= 4),
+    }
 
     joins: int = 2
 
