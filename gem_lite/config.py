@@ -58,6 +58,7 @@ def or_none(entry: Allowed) -> Allowed:
     return Allowed(f"{entry.words}, or None", lambda value: value is None or entry.holds(value))
 
 
+COUNT = whole_number(1)
 FLAG = Allowed("True or False", lambda value: isinstance(value, bool))
 TEXT = Allowed("a text", lambda value: isinstance(value, str))
 TEXTS = Allowed("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(TEXT.holds, value)))
@@ -127,8 +128,8 @@ class Config:
     acting read. Configurations that differ in these alone have the same prepared steps (`preparation`). A method whose
     preparation reads one of them leaves it out of its own set; a new field is in no set until somebody adds it."""
     ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        "name": TEXT, "table": LENGTH, "pixel": LENGTH, "angles": whole_number(1), "parser": TEXT, "parsing": FLAG,
-        "locations": FLAG, "empty_radius": RADIUS, "turn": FLAG, "steps": whole_number(1), "batch": whole_number(1),
+        "name": TEXT, "table": LENGTH, "pixel": LENGTH, "angles": COUNT, "parser": TEXT, "parsing": FLAG,
+        "locations": FLAG, "empty_radius": RADIUS, "turn": FLAG, "steps": COUNT, "batch": COUNT,
         "learning_rate": above_0(1), "ablations": TEXTS, "rectangle": or_none(each(number(-1000, 1000), 4)),
     }  # fmt: skip
     """What each entry may be."""

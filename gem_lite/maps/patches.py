@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from gem_lite.clip import Clip
-from gem_lite.config import LENGTH, Allowed, Config, whole_number
+from gem_lite.config import COUNT, LENGTH, Allowed, Config
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class PatchConfig(Config):
         "paper": {**Config.PRESETS["paper"], "patch": 40, "stride": 20},
     }
     ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **Config.ALLOWED, "patch": whole_number(1), "stride": whole_number(1), "top_patch": LENGTH, "top_stride": LENGTH,
+        **Config.ALLOWED, "patch": COUNT, "stride": COUNT, "top_patch": LENGTH, "top_stride": LENGTH,
     }  # fmt: skip
 
     patch: int = 20

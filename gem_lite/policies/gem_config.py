@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 from gem_lite.config import (
+    COUNT,
     FLAG,
     MULTI_TASK,
     RADIUS,
@@ -100,9 +101,9 @@ class GemConfig(PatchConfig):
         **PatchConfig.ALLOWED,
         "text_weight": number(0, 10), "image_weight": number(0, 10), "drop_image_map": number(0, 1), "own_crop": FLAG,
         "conjuncts": FLAG, "map_gain": each(number(0, 10), 2), "map_offset": number(0, 10), "recolor": FLAG,
-        "peak_margin": or_none(number(0, 10)), "peak_radius": RADIUS, "rotations": whole_number(1), "frequency": whole_number(0),
-        "kernel": whole_number(1, odd=True), "crop": whole_number(1, odd=True), "widths": each(whole_number(1), 4),
-        "kernel_widths": each(whole_number(1), 3), "fields": whole_number(1), "channels": whole_number(1), "semantic_map": TEXT,
+        "peak_margin": or_none(number(0, 10)), "peak_radius": RADIUS, "rotations": COUNT, "frequency": whole_number(0),
+        "kernel": whole_number(1, odd=True), "crop": whole_number(1, odd=True), "widths": each(COUNT, 4),
+        "kernel_widths": each(COUNT, 3), "fields": COUNT, "channels": COUNT, "semantic_map": TEXT,
         "kernels": one_of(get_args(Kernels)), "language_in_attention": FLAG,
     }  # fmt: skip
 

@@ -20,7 +20,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import Allowed, Config, each, whole_number
+from gem_lite.config import COUNT, Allowed, Config, each
 from gem_lite.language import Queries
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.networks import UNet
@@ -47,8 +47,8 @@ class KeyQueryConfig(Config):
     }
     AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {"widths", "channels", "query"}
     ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **Config.ALLOWED, "widths": each(whole_number(1), 4), "channels": whole_number(1),
-        "query": Allowed("one less than a multiple of 16", lambda value: whole_number(15).holds(value) and value % 16 == 15),
+        **Config.ALLOWED, "widths": each(COUNT, 4), "channels": COUNT,
+        "query": Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15),
     }  # fmt: skip
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
@@ -73,7 +73,7 @@ class TransporterConfig(KeyQueryConfig):
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins"}
     ALLOWED: ClassVar[Mapping[str, Allowed]] = {
         **KeyQueryConfig.ALLOWED,
-        "joins": Allowed("a whole number from 1 to 4", lambda value: whole_number(1).holds(value) and value <= 4),
+        "joins": Allowed("a whole number from 1 to 4", lambda value: COUNT.holds(value) and value <= 4),
     }
 
     joins: int = 2
