@@ -27,7 +27,7 @@ help:
 	@echo "make wheel  set up, then build the package with its models into dist/"
 	@echo "make book   set up, then build the lessons, docs/ and the library's pages as a site into build/book (two minutes)"
 	@echo "make handouts  set up, then write the lessons without solutions into build/handouts"
-	@echo "make clean  remove the environment and what runs left behind"
+	@echo "make clean  remove $(VENV), build/, dist/ and caches; your policies and rows in runs/ stay"
 
 check-python:
 	@command -v $(PYTHON) >/dev/null 2>&1 || { \
@@ -117,4 +117,4 @@ handouts: $(READY)
 	@$(BIN)/python docs/handouts.py
 
 clean:
-	rm -rf $(VENV) runs build dist .pytest_cache .ruff_cache .mypy_cache *.egg-info
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache *.egg-info

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +43,29 @@ class Push:
 
 
 Action = PickPlace | Push
+MOST_EQUAL_YAWS = 1e6
+"""A symmetry with more equal yaws is a mistake: 0 stands for all yaws."""
+
+
+def equal_yaws(symmetry: float, name: str = "symmetry") -> int:
+    """How many yaws of a full turn are equally right; 0 stands for all of them.
+
+    Args:
+        symmetry: the smallest turn (radians) that changes nothing, or 0 if every turn changes nothing.
+        name: names the symmetry in the error message.
+
+    Raises:
+        ValueError: the symmetry is neither 0 nor 2 pi divided by a whole number.
+    """
+    if symmetry == 0:
+        return 0
+    copies = 2 * math.pi / symmetry if symmetry > 0 else 0.0
+    if not 0.5 < copies < MOST_EQUAL_YAWS or abs(copies - round(copies)) > 1e-3:
+        raise ValueError(
+            f"{name} must be the smallest turn in radians that changes nothing: 2 pi divided by a whole number, or 0 "
+            f"if every yaw is right, got {symmetry}"
+        )
+    return round(copies)
 
 
 @dataclass(frozen=True)
@@ -55,11 +79,18 @@ class ExpertAction:
         action: the action.
         pick_symmetry: the symmetry of the pick's yaw.
         place_symmetry: the symmetry of the relative place angle.
+
+    Raises:
+        ValueError: a symmetry is neither 0 nor 2 pi divided by a whole number.
     """
 
     action: Action
     pick_symmetry: float = 0.0
     place_symmetry: float = 0.0
+
+    def __post_init__(self) -> None:
+        equal_yaws(self.pick_symmetry, "pick_symmetry")
+        equal_yaws(self.place_symmetry, "place_symmetry")
 
 
 class GripperState(NamedTuple):

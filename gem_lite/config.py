@@ -4,11 +4,73 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
-from gem_lite.se2 import Workspace
+from gem_lite.se2 import CELLS_MULTIPLE, LONGEST_SIDE, Workspace
+
+
+class Allowed(NamedTuple):
+    """What an entry of a configuration may be: in words, as an error message says it, and as a test of a value."""
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+def whole_number(low: int, *, odd: bool = False) -> Allowed:
+    """A whole number from ``low`` on."""
+    return Allowed(
+        f"{'an odd' if odd else 'a'} whole number from {low} on",
+        lambda value: type(value) is int and value >= low and (value % 2 == 1 or not odd),
+    )
+
+
+def up_to(high: int) -> Allowed:
+    """A whole number from 0 to ``high``."""
+    return Allowed(f"a whole number from 0 to {high}", lambda value: type(value) is int and 0 <= value <= high)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def number(low: float, high: float) -> Allowed:
+    """A number from ``low`` to ``high``, both included."""
+    return Allowed(f"a number from {low} to {high}", lambda value: _is_number(value) and low <= value <= high)
+
+
+def above_0(high: float) -> Allowed:
+    """A number above 0, at most ``high``."""
+    return Allowed(f"a number above 0 and up to {high}", lambda value: _is_number(value) and 0 < value <= high)
+
+
+def each(entry: Allowed, count: int) -> Allowed:
+    """A tuple of ``count`` values."""
+    return Allowed(
+        f"{count} values, each {entry.words}",
+        lambda value: isinstance(value, tuple) and len(value) == count and all(map(entry.holds, value)),
+    )
+
+
+def one_of(names: Sequence[str]) -> Allowed:
+    """One of some names."""
+    return Allowed(f"one of {', '.join(names)}", lambda value: value in names)
+
+
+def or_none(entry: Allowed) -> Allowed:
+    """A value or None."""
+    return Allowed(f"{entry.words}, or None", lambda value: value is None or entry.holds(value))
+
+
+COUNT = whole_number(1)
+FLAG = Allowed("True or False", lambda value: isinstance(value, bool))
+TEXT = Allowed("a text", lambda value: isinstance(value, str))
+TEXTS = Allowed("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(TEXT.holds, value)))
+LENGTH = above_0(LONGEST_SIDE)
+"""A length on a table (m)."""
+RADIUS = number(0, LONGEST_SIDE)
+"""A distance on a table (m), or 0."""
 
 
 class Ablation(NamedTuple):
@@ -35,7 +97,7 @@ class Config:
     """What every method needs. The defaults are those of `lite`: for two CPU cores; `paper` is for a GPU.
 
     A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`,
-    `ABLATIONS` and `AFTER_PREPARATION`.
+    `ABLATIONS`, `AFTER_PREPARATION` and `ALLOWED`.
 
     Attributes:
         name: the preset from which it was made.
@@ -56,7 +118,8 @@ class Config:
             values without an ablation do not.
 
     Raises:
-        ValueError: an unknown ablation, a value that contradicts an ablation, or a rectangle that is none.
+        ValueError: a value that `ALLOWED` does not allow, a table that the pixels do not cover evenly, an unknown
+            ablation, a value that contradicts an ablation, or a rectangle that is none.
     """
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
@@ -72,10 +135,16 @@ class Config:
     """The entries that the preparation of training steps does not read: names, and what only networks, training and
     acting read. Configurations that differ in these alone have the same prepared steps (`preparation`). A method whose
     preparation reads one of them leaves it out of its own set; a new field is in no set until somebody adds it."""
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        "name": TEXT, "table": LENGTH, "pixel": LENGTH, "angles": COUNT, "parser": TEXT, "parsing": FLAG,
+        "locations": FLAG, "location_code": FLAG, "empty_radius": RADIUS, "turn": FLAG, "steps": COUNT, "batch": COUNT,
+        "learning_rate": above_0(1), "ablations": TEXTS, "rectangle": or_none(each(number(-1000, 1000), 4)),
+    }  # fmt: skip
+    """What each entry may be."""
 
     ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
     """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
-    so a trained policy can act with other values (`PickPlacePolicy.acting_as`)."""
+    so a trained policy can act with other values (`PickPlacePolicy.act_as`)."""
     ADDED: ClassVar[frozenset[str]] = frozenset({"rectangle", "location_code"})
     """The entries that are younger than some stored rows. They are left out of `as_dict` while they have their default,
     so that configurations, and what is named after them, stay what they were."""
@@ -97,6 +166,10 @@ class Config:
     rectangle: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        for name, allowed in self.ALLOWED.items():
+            value = getattr(self, name)
+            if not allowed.holds(value):
+                raise ValueError(f"{name} must be {allowed.words}, got {value!r}")
         for ending in self.ablations:
             for key, value in self.ablation(ending).changes.items():
                 if getattr(self, key) != value:
@@ -106,6 +179,18 @@ class Config:
                     )
         if self.rectangle is not None:
             Workspace.covering(*self.rectangle, pixel=self.pixel)  # It refuses what is no rectangle.
+        else:
+            self._check_cells()
+
+    def _check_cells(self) -> None:
+        """Refuse a table that the pixels do not cover evenly, with the multiples of cells that networks need."""
+        parts = self.table / (2 * CELLS_MULTIPLE * self.pixel)
+        nearest = max(round(parts), 1)
+        if abs(parts - nearest) > 1e-6:
+            raise ValueError(
+                f"pixel must divide a table of {self.table} m by {self.table / 2} m into multiples of {CELLS_MULTIPLE} "
+                f"cells, such as {self.table / (2 * CELLS_MULTIPLE * nearest):.6g}, got {self.pixel}"
+            )
 
     # How training changes a sample, besides moving it. A method whose training does so overrides these by fields.
 
@@ -189,7 +274,7 @@ class Config:
         Raises:
             ValueError: names that this configuration does not have, or values that contradict each other.
         """
-        unknown = set(values) - set(cls.__dataclass_fields__)
+        unknown = set(values) - {entry.name for entry in fields(cls)}
         if unknown:
             raise ValueError(f"the configuration has unknown entries {sorted(unknown)}")
         entries: dict[str, Any] = {

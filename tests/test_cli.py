@@ -19,6 +19,7 @@ from gem_lite.policies.gem_config import PAPER
 
 TASK = "put-block-in-bowl-seen-colors"
 DEMONSTRATIONS = str(clip.DATA / "demos" / f"{TASK}-10")
+BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 
 
@@ -74,6 +75,34 @@ def test_an_example_is_read_as_it_stands(name, example):
     assert isinstance(command, kind(name))
 
 
+@pytest.mark.parametrize(("name", "example"), examples())
+def test_an_example_reads_what_is_there(name, example):
+    for word in shlex.split(example):
+        if word.startswith("data/"):
+            assert (clip.DATA.parent / word).exists()
+        assert not word.startswith("benchmark/") or (results.RESULTS / word).is_dir()
+
+
+def test_the_example_of_a_card_keeps_the_shipped_card_true():
+    (example,) = kind("clip card").examples
+    assert f"on {shlex.split(example)[-1]} crops" in (clip.EMBEDDED / "README.md").read_text()
+
+
+LIGHT = (
+    "demo", "verify", "pointing", "check-cameras", "look", "clip pretrain", "clip card", "clip calibrate",
+    "results list", "results show",
+)  # fmt: skip
+"""Commands whose help lists no names that torch's modules or the simulator's register."""
+
+
+def test_a_help_that_lists_no_names_loads_neither_torch_nor_the_simulator():
+    calls = "".join(f"main({[*name.split(), '--help']}); " for name in LIGHT)
+    program = f"import sys; from gem_lite.cli import main; {calls}print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=True)
+    assert done.stdout.count("usage: ") == len(LIGHT)
+    assert not {"torch", "pybullet", "transformers"} & set(done.stderr.split())
+
+
 def test_unknown_commands_are_refused_with_the_nearest(capsys):
     assert said(capsys, "trian") == "gem-lite has no command 'trian'; the nearest: train"
     assert said(capsys, "clip", "pretrian") == "gem-lite has no command 'clip pretrian'; the nearest: clip pretrain"
@@ -87,6 +116,16 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("train a b --config.steps three", "--config.steps must be INT: "),
         ("train a b --config.map-gain 1", "--config.map-gain needs a value: FLOAT FLOAT"),
         ("train a b --config.semantic-map all", "no map source is named 'all'; the nearest names: multi-view"),
+        ("train a b --config.steps 0", "steps must be a whole number from 1 on, got 0"),
+        ("train a b --config.steps -5", "steps must be a whole number from 1 on, got -5"),
+        ("train a b --config.batch 0", "batch must be a whole number from 1 on, got 0"),
+        ("train a b --config.angles 0", "angles must be a whole number from 1 on, got 0"),
+        ("train a b --config.pixel 0", "pixel must be a number above 0 and up to 5.0, got 0"),
+        ("train a b --config.kernel 16", "kernel must be an odd whole number from 1 on, got 16"),
+        ("train a b --config.learning-rate nan", "learning_rate must be a number above 0 and up to 1, got nan"),
+        ("train a b --config.table 0.9", "pixel must divide a table of 0.9 m"),
+        ("train a . --seed 3", "checkpoint must be a file to write, got the folder ."),
+        ("train a b --seed -1", "seed must be at least 0, got -1"),
         ("train a b --config.table 2", "--config.table must be left out: the task of the demonstrations sets it"),
         ("train a b --preset large", "preset must be one of lite, paper, got 'large'"),
         ("train a b --method gpt", "method must be one of gem, "),
@@ -102,10 +141,15 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("evaluate expert bars-in-box --episodes many", "--episodes must be INT: "),
         ("evaluate expert bars-in-box --file --out rows.jsonl", "--file and --out cannot be given together"),
         ("several-tables none.safetensors", "none.safetensors is missing"),
+        ("several-tables none.safetensors --tables 0", "tables must be at least 1, got 0"),
+        ("several-tables none.safetensors --tasks object-sorting-seen bars-in-box", "got 'bars-in-box'"),
+        (f"several-tables {BOWL_POLICY}", "m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m"),
         ("pointing --kind circles", "--kind must be one of bowls, shapes, got 'circles'"),
         ("pointing --scenes 0", "scenes must be at least 1, got 0"),
         ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
+        ("clip pretrain --seed -1", "seed must be at least 0, got -1"),
         ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
+        ("clip calibrate .", "the folder . holds no whole CLIP in transformers' format: "),
         ("clip card folder", "gem-lite clip card needs --training-crops"),
         ("results show nothing", "there are no results named 'nothing'; there are: object-sorting, "),
         ("results show benchmark/bars-in-box --method nobody", "benchmark/bars-in-box has no such row"),
@@ -157,7 +201,11 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch, capsys):
 
     for name, words, sentence in (
         ("collect", [TASK, "demos"], "the same command goes on from the episodes in demos"),
-        ("train", ["demos", "policy.safetensors"], "the same command goes on from the last state in runs/policy"),
+        (
+            "train",
+            ["demos", "policy.safetensors"],
+            "the same command goes on from the last state in runs/policy-aa3ef115",
+        ),
         ("clip pretrain", [], "the same command goes on from the last epoch in runs/pretrain_clip"),
         ("verify", ["demos"], "stopped"),
     ):
@@ -194,7 +242,8 @@ def test_train_and_evaluate_and_show(at_home, tmp_path, capsys):
     assert f"wrote {checkpoint} after " in capsys.readouterr().out
     card = read_card(checkpoint)
     assert (card["config"]["steps"], card["config"]["widths"], card["demos"]) == (2, [8, 8, 8, 8], 1)
-    assert not (tmp_path / "runs" / "policy" / "state.pt").exists()
+    assert card["demonstrations_split"] == "train"
+    assert not list((tmp_path / "runs").glob("policy-*/state.pt"))
     assert at_home("evaluate", "transporter-lan", TASK, "--checkpoint", checkpoint, "--episodes", 1, "--file") == 0
     assert "transporter-lan on put-block-in-bowl-seen-colors, all: " in capsys.readouterr().out
     (row,) = results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")

@@ -413,3 +413,30 @@ def test_held_out_pairs_are_many_and_known():
     for color, shape in vocabulary.HELD_OUT:
         assert color in vocabulary.COLORS
         assert shape in vocabulary.SHAPES
+
+
+def test_a_damaged_state_of_the_clips_training_is_named(tmp_path):
+    crops = clip_crops.Crops(np.zeros((600, 40, 40, 3), np.uint8), *np.zeros((3, 600), int), np.ones(600, bool))
+    (tmp_path / "state.pt").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training"):
+        pretrain_clip.train(crops, 1, 0, tmp_path)
+
+
+def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
+    tokenizer = pretrain_clip.train_tokenizer()
+    model = pretrain_clip.make_model(len(tokenizer))
+    out = tmp_path / "out"
+    for _ in range(2):  # the second time into the CLIP of the first
+        pretrain_clip.save(model, tokenizer, out)
+        assert clip.load(out).dim == 128
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    (out / "notes.txt").write_text("mine")
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "config.json").write_text('{"architectures": ["CLIPModel"]}')
+    for folder, name in ((out, "notes.txt"), (other, "config.json"), (other / "config.json", "config.json")):
+        with pytest.raises(ValueError, match=rf"out must be a new or empty folder.* holds {name}$"):
+            pretrain_clip.pretrain(folder, tmp_path / "run", 1, 1, 0)
+        with pytest.raises(ValueError, match="out must be"):
+            pretrain_clip.save(model, tokenizer, folder)
+    assert (out / "notes.txt").exists() and (other / "config.json").exists()

@@ -124,7 +124,7 @@ def test_a_stopped_preparation_is_finished_and_a_finished_one_is_not_begun_again
 
 def test_steps_of_another_source_are_refused_and_those_of_another_program_made_anew(tmp_path, capsys):
     first = dataset.store(steps_from(2), tmp_path, SOURCE, code="old")
-    with pytest.raises(ValueError, match="holds steps prepared from another method; give another run, or remove it"):
+    with pytest.raises(ValueError, match="holds steps prepared from another method: give another folder by --state"):
         dataset.store(steps_from(2), tmp_path, SOURCE | {"method": "n"}, code="old")
     assert len(list(first)) == 2, "what was refused is untouched"
     again = dataset.store(steps_from(3), tmp_path, SOURCE, code="new")

@@ -279,14 +279,47 @@ def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypat
         code, said = run_main(capsys, *arguments)
     assert code == 2
     assert "No space left" in said
-    assert torch.load(tmp_path / "runs" / "t" / "state.pt")["step"] == 2
+    (state,) = (tmp_path / "runs").glob("t-*/state.pt")
+    assert torch.load(state)["step"] == 2
     assert main(["train", *map(str, arguments)]) == 0
     said = capsys.readouterr().out
     assert "resuming at step 2" in said
     assert "transporter-lan on 2 demonstrations" in said
     card = checkpoints.read_card(tmp_path / "t.safetensors")
     assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
-    assert list((tmp_path / "runs" / "t").iterdir()) == []
+    assert list(state.parent.iterdir()) == []
+
+
+def test_two_trainings_whose_checkpoints_have_one_name_keep_apart(demo_set, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(train, "SAVE_SECONDS", 0)
+    options = ("--method", "transporter-lan", "--episodes", 1, "--config.batch", 1, "--config.steps", 2)
+    honest, drawn = train.make_batch, []
+
+    def stop_at_the_second(*args):
+        drawn.append(1)
+        if len(drawn) == 2:
+            raise KeyboardInterrupt
+        return honest(*args)
+
+    monkeypatch.setattr(train, "make_batch", stop_at_the_second)
+    assert run_main(capsys, demo_set[0], "a/p.safetensors", *options)[0] == 130
+    assert run_main(capsys, demo_set[0], "b/p.safetensors", *options)[0] == 0
+    assert main(["train", str(demo_set[0]), str(tmp_path / "a" / "p.safetensors"), *map(str, options)]) == 0
+    assert "resuming at step 1" in capsys.readouterr().out, "the other training has not touched its state"
+    assert (tmp_path / "a" / "p.safetensors").exists() and (tmp_path / "b" / "p.safetensors").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"half", None], ids=["empty", "something else", "cut"])
+def test_a_damaged_state_is_named(content, prepared, model, tmp_path):
+    steps, memory = prepared
+    state = tmp_path / "state.pt"
+    if content is None:
+        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+        content = state.read_bytes()[:-1000]
+    state.write_bytes(content)
+    with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training: remove it to begin anew$"):
+        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
 
 
 def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):

@@ -342,6 +342,16 @@ def test_a_number_of_episodes_that_is_not_there_is_refused(episodes, demo_set, t
     assert "episodes must be at" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("split", ["val", "test"])
+def test_demonstrations_that_measure_do_not_train(split, demonstrations_small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    demonstrations.save([dataclasses.replace(one, split=split) for one in demonstrations_small], tmp_path / "demos")
+    assert main(["train", "demos", "p.safetensors", "--config.steps", "2"]) == 2
+    said = capsys.readouterr().err
+    assert f"demonstrations must be of the split 'train', got '{split}' in demos: episodes of that split" in said
+    assert not (tmp_path / "p.safetensors").exists()
+
+
 def test_steps_are_read_one_episode_at_a_time(demonstrations_small):
     """A set that counts how many of its episodes are alive: never more than the one before and the present one."""
     episodes = []

@@ -40,6 +40,20 @@ def test_rooms_below_the_line_load_without_the_simulator():
     run("".join(f"import {room}\n" for room in rooms()))
 
 
+@pytest.mark.parametrize(
+    ("words", "start"),
+    [
+        (["verify", str(STORED)], f"{STORED}: 10 episodes"),
+        (["results", "list"], "object-sorting: "),
+        (["results", "show", "benchmark/align-rope", "--method", "expert"], "expert on align-rope, in home"),
+        (["results", "show", "pointing", "--method", "fused"], "bowls, fused: near "),
+    ],
+)
+def test_stored_rows_and_demonstrations_are_read_without_the_simulator(words, start):
+    printed = run(f"from gem_lite.cli import main\nassert main({words}) == 0\n")
+    assert printed.startswith(start)
+
+
 def test_a_shipped_policy_acts_on_a_stored_observation_without_the_simulator():
     program = f"""
 from gem_lite.policies import checkpoints

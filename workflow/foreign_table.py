@@ -1,8 +1,8 @@
 """A table of another simulator: record demonstrations there, measure a policy there, measure refusals.
 
-    python workflow/foreign_table.py record data/foreign-demos
-    gem-lite train data/foreign-demos data/gem-foreign-table.safetensors
-    python workflow/foreign_table.py measure data/gem-foreign-table.safetensors
+    python workflow/foreign_table.py record runs/foreign-demos
+    gem-lite train runs/foreign-demos runs/mine.safetensors
+    python workflow/foreign_table.py measure runs/mine.safetensors
     python workflow/foreign_table.py refusals
 
 The table is data/foreign-scenes/foreign_world.py (MuJoCo); nothing of gem_lite is in it. A policy gets the pictures and
@@ -37,7 +37,8 @@ sys.path.insert(0, str(clip.DATA / "foreign-scenes"))
 
 from foreign_world import KINDS, NAMED, TEST_SEEDS, TRAIN_SEEDS, ForeignWorld, Look
 
-FILE = results.RESULTS / "own-table.jsonl"
+FILE = results.RUNS / "own-table.jsonl"
+"""Rows go here without --out; those that are published are in data/results."""
 SHIPPED = clip.DATA / "gem-multi.safetensors"
 TASK = "foreign-block-in-bowl"
 ACTIONS = 2
@@ -46,6 +47,8 @@ DEPTH_SCALE = 0.001
 """Metres of one step of a recorded depth picture."""
 ASKED_SEED = 5_000
 """Refusals are measured on test tables from this number on: others than those on which policies act."""
+MOST = min(ASKED_SEED, len(TRAIN_SEEDS))
+"""The most tables or episodes of a command: the seeds end there."""
 OUR_TASKS = (
     "put-block-in-bowl-unseen-colors", "packing-google-objects-group-unseen", "packing-box-pairs-unseen-colors"
 )  # fmt: skip
@@ -167,14 +170,20 @@ def main() -> None:
     asking = commands.add_parser("refusals", help="ask for things that are there, and for things that are not")
     asking.add_argument("--tables", type=int, default=50, help="of each simulator (%(default)s)")
     arguments = parser.parse_args()
+    count = arguments.tables if arguments.command == "refusals" else arguments.episodes
+    if not 1 <= count <= MOST:
+        parser.error(f"the number of tables or episodes must be from 1 to {MOST}, got {count}")
     torch.set_num_threads(1)
-    match arguments.command:
-        case "record":
-            record(arguments.folder, arguments.episodes)
-        case "measure":
-            measure(arguments.checkpoint, arguments.episodes, arguments.out)
-        case "refusals":
-            refusals(arguments.tables, arguments.out)
+    try:
+        match arguments.command:
+            case "record":
+                record(arguments.folder, count)
+            case "measure":
+                measure(arguments.checkpoint, count, arguments.out)
+            case "refusals":
+                refusals(count, arguments.out)
+    except (OSError, ValueError) as error:
+        sys.exit(" ".join(str(error).split()))
 
 
 if __name__ == "__main__":

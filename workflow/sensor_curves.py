@@ -10,6 +10,7 @@ and ``kind``, ``level``, ``errors`` and ``error_seed`` say what it is.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -34,7 +35,8 @@ from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
 CHECKPOINT = clip.DATA / "gem-put-block-in-bowl.safetensors"
-FILE = results.RESULTS / "sensor-errors.jsonl"
+FILE = results.RUNS / "sensor-errors.jsonl"
+"""Rows go here without --out; those that are published are in data/results."""
 IDENTITY = (*results.IDENTITY, "error_seed")
 """The entries that identify a row; ``subset`` names the kind of error and its size."""
 
@@ -124,6 +126,11 @@ def measure(
 ) -> None:  # fmt: skip
     """Measure the cells that ``path`` lacks, and file each as soon as it is measured."""
     policy = load_policy(checkpoint, clip.load())
+    trained, asked = (one.workspace.length for one in (policy.config, tasks.make(task_name, split)))
+    if trained != asked:
+        raise ValueError(
+            f"the checkpoint {checkpoint} was trained for a table {trained} m long; the task's is {asked} m"
+        )
     card = read_card(checkpoint)
     facts = {"method": policy.name, "task": task_name, **results.facts_of(card, methods.of_card(card)[1])}
     facts |= {"world": world, "split": split, "start": 0, "error_seed": seed}
@@ -163,10 +170,13 @@ def main() -> None:
         parser.error(f"--kinds must be among none, all, {', '.join(KINDS)}, got {', '.join(sorted(wrong))}")
     torch.set_num_threads(1)
     chosen = [cell for cell in cells() if arguments.kinds is None or cell.kind in arguments.kinds]
-    measure(
-        arguments.checkpoint, arguments.task, arguments.split, arguments.world, arguments.episodes, arguments.seed,
-        arguments.out, chosen,
-    )  # fmt: skip
+    try:
+        measure(
+            arguments.checkpoint, arguments.task, arguments.split, arguments.world, arguments.episodes, arguments.seed,
+            arguments.out, chosen,
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        sys.exit(" ".join(str(error).split()))
 
 
 if __name__ == "__main__":

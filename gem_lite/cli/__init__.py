@@ -17,7 +17,7 @@ except ModuleNotFoundError as missing:  # The core group alone is installed: it 
 COMMANDS = {
     "demo": ("demo", "Demo", "run the quickstart: a sentence in, a placed block out"),
     "collect": ("collect", "Collect", "let the expert play episodes of a task, and save them"),
-    "verify": ("collect", "Verify", "load saved demonstrations and check the SHA-256 of every file"),
+    "verify": ("verify", "Verify", "load saved demonstrations and check the SHA-256 of every file"),
     "train": ("train", "Train", "train a method from demonstrations"),
     "evaluate": ("evaluate", "Evaluate", "measure a policy over episodes"),
     "several-tables": ("several_tables", "SeveralTables", "measure a policy over several tables"),
@@ -29,10 +29,10 @@ COMMANDS = {
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
-    "results gallery": ("results", "Gallery", "draw the first and the last picture of every task of the benchmark"),
-    "results tables": ("results", "Tables", "draw the benchmark's tables from the stored rows"),
-    "results page": ("results", "Page", "write the tables of docs/results.md from the stored rows"),
-    "results settings": ("results", "Settings", "print what the search and the experts' rows decide for the others"),
+    "results gallery": ("pages", "Gallery", "draw the first and the last picture of every task of the benchmark"),
+    "results tables": ("pages", "Tables", "draw the benchmark's tables from the stored rows"),
+    "results page": ("pages", "Page", "write the tables of docs/results.md from the stored rows"),
+    "results settings": ("pages", "Settings", "print what the search and the experts' rows decide for the others"),
 }
 """For each subcommand: its module in this package, its class in that module, and its description."""
 

@@ -9,11 +9,9 @@ from typing import ClassVar
 from typing_extensions import override
 from tyro.conf import Positional
 
-from gem_lite import clip
 from gem_lite.cli.command import Command
-from gem_lite.clip import calibration
-from gem_lite.clip_training import clip_card, pretrain_clip
-from gem_lite.learning import calibrating
+
+# Each command imports what it runs: torch takes seconds to load, and the help needs none of it.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +29,7 @@ class _TrainingInEpochs(Command):
 class Pretrain(_TrainingInEpochs):
     """Train the embedded CLIP on captions and crops that this project renders itself. A stopped training continues."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 3200 --epochs 7 --out runs/clip",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip pretrain --scenes 3200 --epochs 7 --out runs/clip-tabletop",)
 
     scenes: int = 3200
     """training scenes to render"""
@@ -39,13 +37,15 @@ class Pretrain(_TrainingInEpochs):
     """passes over the crops"""
     seed: int = 0
     """seed of scenes, captions and weights"""
-    out: Path = clip.EMBEDDED
-    """folder to write"""
+    out: Path = Path("runs/clip-tabletop")
+    """folder to write: a new one, or one with an embedded CLIP, which is replaced"""
     state: Path = Path("runs/pretrain_clip")
     """folder for the crops and for the state to resume from"""
 
     @override
     def run(self) -> None:
+        from gem_lite.clip_training import pretrain_clip
+
         print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
 
 
@@ -53,7 +53,7 @@ class Pretrain(_TrainingInEpochs):
 class Card(Command):
     """Measure an embedded CLIP on fresh scenes and write its card, README.md of its folder (some minutes)."""
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip card data/clip-tabletop --training-crops 638346",)
+    examples: ClassVar[tuple[str, ...]] = ("gem-lite clip card data/clip-tabletop --training-crops 806689",)
 
     folder: Positional[Path]
     """the CLIP, as `gem-lite clip pretrain` writes it"""
@@ -62,6 +62,9 @@ class Card(Command):
 
     @override
     def run(self) -> None:
+        from gem_lite import clip
+        from gem_lite.clip_training import clip_card
+
         print(clip_card.write(self.folder, clip.load(self.folder), self.training_crops))
 
 
@@ -76,6 +79,10 @@ class Calibrate(Command):
 
     @override
     def run(self) -> None:
+        from gem_lite import clip
+        from gem_lite.clip import calibration
+        from gem_lite.learning import calibrating
+
         model = clip.load(self.clip)
         numbers = calibrating.calibrate(model, calibrating.rendered_scenes())
         print(f"{numbers}\nwrote {calibration.write(model, numbers)}")

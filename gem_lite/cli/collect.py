@@ -1,4 +1,4 @@
-"""``gem-lite collect`` and ``gem-lite verify``: make expert demonstrations, and check them."""
+"""``gem-lite collect``: make expert demonstrations."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from tqdm import tqdm
 from typing_extensions import override
 from tyro.conf import Positional
 
-from gem_lite import demonstrations
 from gem_lite.cli import names
 from gem_lite.cli.command import Command, ImportingCommand
-from gem_lite.demonstrations import DemonstrationSet
+from gem_lite.cli.verify import summary
 from gem_lite.learning import collecting
 from gem_lite.tasks import Split
 
@@ -51,23 +49,3 @@ class Collect(ImportingCommand):
     @classmethod
     def more_help(cls) -> str:
         return f"{names.task_names()}\n{names.world_names()}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verify(Command):
-    """Load a set of demonstrations and check the SHA-256 of every file."""
-
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite verify data/demos/put-block-in-bowl-seen-colors-10",)
-
-    folder: Positional[Path]
-    """folder made by `gem-lite collect`"""
-
-    @override
-    def run(self) -> None:
-        print(summary(self.folder, demonstrations.load(self.folder)))
-
-
-def summary(folder: Path, demos: DemonstrationSet) -> str:
-    """The content of a set, in one line. Every file is read and checked."""
-    steps = sum(len(demonstration.steps) for demonstration in tqdm(demos, "verifying", unit="episode"))
-    return f"{folder}: {len(demos)} episodes, {steps} steps, data hash {demonstrations.data_hash(folder)[:12]}"

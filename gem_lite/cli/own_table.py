@@ -6,26 +6,21 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from matplotlib.figure import Figure
 from typing_extensions import override
 from tyro.conf import Positional
 
-from gem_lite import clip
-from gem_lite.actions import PickPlace
 from gem_lite.cli.command import Command
-from gem_lite.figures import plot_own_table, plots
-from gem_lite.files import write_atomically
-from gem_lite.maps import looking, recognition
-from gem_lite.policies import checkpoints
-from gem_lite.policies.gem import Policy
-from gem_lite.rgbd import camera_check
-from gem_lite.rgbd.camera_mistakes import cloud
-from gem_lite.rgbd.heightmap import fuse_views
-from gem_lite.rgbd.observation import Observation, read_raw
+from gem_lite.files import DATA, write_atomically
 
-SHIPPED = clip.DATA / "gem-multi.safetensors"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gem_lite.policies.gem import Policy
+
+# Each method imports what it runs: torch takes seconds to load, and the help needs none of it.
+SHIPPED = DATA / "gem-multi.safetensors"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +45,10 @@ class OwnTable(Command):
 
     def load_policy(self) -> Policy:
         """The policy. Raises ValueError if it is no GEM: other methods have no maps to look at."""
+        from gem_lite import clip
+        from gem_lite.policies import checkpoints
+        from gem_lite.policies.gem import Policy
+
         policy = checkpoints.load_policy(self.policy, clip.load(self.clip))
         if not isinstance(policy, Policy):
             raise ValueError(f"{self.policy} must be a checkpoint of gem, got {policy.name}")
@@ -80,6 +79,13 @@ class CheckCameras(OwnTable):
 
     @override
     def run(self) -> None:
+        from gem_lite.figures import plot_own_table
+        from gem_lite.maps import looking
+        from gem_lite.rgbd import camera_check
+        from gem_lite.rgbd.camera_mistakes import cloud
+        from gem_lite.rgbd.heightmap import fuse_views
+        from gem_lite.rgbd.observation import Observation, read_raw
+
         views = read_raw(self.folder)
         policy = self.load_policy()
         workspace = policy.config.workspace
@@ -95,16 +101,14 @@ class CheckCameras(OwnTable):
             if self.phrases and looking.gain_by_swapping(
                 observation.views, self.phrases, policy.source
             ) > looking.SWAP_MARGIN:  # fmt: skip
-                findings.append(BGR)
+                findings.append(camera_check.Finding("BGR", (), BGR))
         if findings:
             sentences = [f"{', '.join(one.cameras) or 'colours'}: {one.sentence}" for one in findings]
             raise ValueError("; ".join(sentences))
         print("no mistake found" + ("" if self.phrases else "; name some coloured things to check the colours, too"))
 
 
-BGR = camera_check.Finding(
-    "BGR", (), "the words fit much better with red and blue exchanged: the pictures are BGR, and must be RGB"
-)
+BGR = "the words fit much better with red and blue exchanged: the pictures are BGR, and must be RGB"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +129,11 @@ class Look(OwnTable):
 
     @override
     def run(self) -> None:
+        from gem_lite.actions import PickPlace
+        from gem_lite.figures import plot_own_table, plots
+        from gem_lite.maps import looking, recognition
+        from gem_lite.rgbd.observation import Observation
+
         observation = Observation.load(self.folder)
         policy = self.load_policy()
         scene = policy.embed(observation.views)

@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 
 from typing_extensions import override
 
-from gem_lite import tasks
 from gem_lite.cli.command import MeasuringCommand
-from gem_lite.evaluation import pointing, pointing_scenes, results
+from gem_lite.cli.results import described_pointing
+from gem_lite.evaluation import results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,10 @@ class Pointing(MeasuringCommand):
 
     @override
     def run(self) -> None:
+        # Only here: they load torch and the simulator, which takes seconds. The help needs neither.
+        from gem_lite import tasks
+        from gem_lite.evaluation import pointing, pointing_scenes
+
         if self.task:
             path = results.output(self.file, self.out, tasks.family(self.task))
             row = pointing.measure_packing(self.task, self.scenes, path, self.clip)
@@ -41,5 +45,5 @@ class Pointing(MeasuringCommand):
         path = results.output(self.file, self.out, "pointing")
         for kind in [self.kind] if self.kind else pointing_scenes.KINDS:
             for row in pointing.measure_scenes(kind, self.scenes, path, self.clip):
-                print(pointing.described(row))
+                print(described_pointing(row))
         print(f"the rows are in {path}")

@@ -48,6 +48,8 @@ class SeveralTables(MeasuringCommand):
 
     @override
     def run(self) -> None:
+        # All tasks before the first is measured.
+        evaluate_mobile.check(self.checkpoint, self.tasks, self.split, self.clip, self.tables)
         for task in self.tasks:
             path = results.output(self.file, self.out, tasks.family(task))
             rows, errors = evaluate_mobile.measure_and_file(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +65,7 @@ class Train(Method, ImportingCommand):
     device: Literal["cpu", "cuda"] = "cpu"
     """device of the training"""
     state: Path | None = None
-    """folder for the state to resume from (without it: runs/<checkpoint>)"""
+    """folder for the state to resume from (without it: runs/<name of the checkpoint>-<hash of its path>)"""
     prepared: Path | None = None
     """cache of prepared steps that trainings share; it may be deleted when none runs (without it: kept in --state)"""
     also: tuple[Path, ...] = ()
@@ -102,7 +104,11 @@ class Train(Method, ImportingCommand):
 
     @property
     def _state(self) -> Path:
-        return self.state or Path("runs") / self.checkpoint.stem
+        if self.state:
+            return self.state
+        # Relative to the working folder, as runs/ itself: both may move together. Two checkpoints may have one name.
+        path = os.path.relpath(self.checkpoint.resolve(), Path.cwd())
+        return Path("runs") / f"{self.checkpoint.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"
 
     @override
     @classmethod

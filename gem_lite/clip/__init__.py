@@ -273,6 +273,9 @@ def load(name_or_path: str | Path | None = None) -> Clip:
     try:
         model, tokenizer, preprocessing = _find(name)
     except (OSError, ValueError) as error:
+        if Path(name).is_dir():
+            reason = " ".join(str(error).split())
+            raise OSError(f"the folder {name} holds no whole CLIP in transformers' format: {reason}") from error
         raise OSError(
             f"the CLIP {name!r} could not be loaded: no such folder, and not in the local cache or reachable.\n"
             f"Give a folder that holds the model, connect once to download it, or unset {ENVIRONMENT_VARIABLE} "

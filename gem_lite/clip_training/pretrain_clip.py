@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +29,8 @@ from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
 from gem_lite.clip_training import clip_card, vocabulary
 from gem_lite.clip_training.clip_crops import IMAGE_SIZE, PART_KEYS, Crops, rendered_crops
 from gem_lite.clip_training.clip_scenes import COLOR_NAMES, NOUN_NAMES
-from gem_lite.learning import calibrating
+from gem_lite.files import read_json
+from gem_lite.learning import calibrating, training_state
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
 # <eos> must not have id 2: transformers' CLIP then pools at argmax(input_ids), which is some other word.
@@ -37,6 +38,11 @@ PAD, BOS, EOS = SPECIAL.index("<pad>"), SPECIAL.index("<bos>"), SPECIAL.index("<
 PARAPHRASES_PER_BATCH = 96
 UNPICTURED_PER_BATCH = 24
 LEARNING_RATE = 2e-3
+FILES = {
+    "README.md", "calibration.json", "config.json", "model.safetensors", "preprocessor_config.json", "tokenizer.json",
+    "tokenizer_config.json",
+}  # fmt: skip
+"""The files of an embedded CLIP's folder."""
 
 Key = tuple[str | None, str | None, str | None]
 """The content of a caption: colour, shape, part; None for what it does not name."""
@@ -206,7 +212,7 @@ def train(
     """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
 
     Raises:
-        ValueError: ``run`` holds the state of a training on other crops, or with other arguments.
+        ValueError: ``run`` holds a damaged state, or that of a training on other crops or with other arguments.
     """
     torch.manual_seed(seed)
     tokenizer = train_tokenizer()
@@ -229,8 +235,7 @@ def train(
             schedule.step()
             bar.set_postfix(loss=f"{loss.item():.3f}")
         state = {name: part.state_dict() for name, part in parts.items()}
-        torch.save(state | {"epoch": epoch + 1, "identity": identity}, state_file.with_suffix(".tmp"))
-        os.replace(state_file.with_suffix(".tmp"), state_file)
+        training_state.save_state(state_file, state | {"epoch": epoch + 1, "identity": identity})
     return model.eval(), tokenizer
 
 
@@ -238,7 +243,7 @@ def _restore(parts: dict, identity: dict, state_file: Path) -> int:
     """Load the state of a stopped training. Returns the number of its finished epochs; 0 if there is no state."""
     if not state_file.exists():
         return 0
-    state = torch.load(state_file)
+    state = training_state.load_state(state_file)
     if state["identity"] != identity:
         raise ValueError(f"{state_file} is of a training with {state['identity']}, not {identity}: delete it first")
     for name, part in parts.items():
@@ -247,23 +252,49 @@ def _restore(parts: dict, identity: dict, state_file: Path) -> int:
     return state["epoch"]
 
 
+def check_folder(out: Path) -> None:
+    """Check that `save` may replace a folder: it is new, empty, or holds an embedded CLIP and nothing else.
+
+    Raises:
+        ValueError: it holds something else, which would be lost, or it is a file.
+    """
+    if not out.exists():
+        return
+    names = {path.name for path in out.iterdir()} if out.is_dir() else {out.name}
+    if not names:
+        return
+    config = out / "config.json"
+    kinds = read_json(config.read_bytes(), config).get("architectures") if config.is_file() else None
+    if names - FILES or kinds != [ResNetClip.__name__]:
+        raise ValueError(
+            f"out must be a new or empty folder, or one that holds an embedded CLIP alone, which is replaced; {out} "
+            f"holds {', '.join(sorted(names - FILES or names)[:3])}"
+        )
+
+
 def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:
-    """Write a folder that `transformers` loads; the old folder is replaced after the new one is complete.
+    """Write a folder that `transformers` loads; an old one is replaced after the new one is complete.
 
     A calibration or card in the old folder is removed, too: they belong to the old weights.
+
+    Raises:
+        ValueError: see `check_folder`.
     """
-    fresh = out.with_name(out.name + ".new")
-    shutil.rmtree(fresh, ignore_errors=True)
-    model.to(memory_format=torch.contiguous_format).save_pretrained(fresh)
-    tokenizer.save_pretrained(fresh)
-    preprocessing = {
-        "image_processor_type": "CLIPImageProcessor", "do_resize": True, "do_center_crop": False,
-        "size": {"height": IMAGE_SIZE, "width": IMAGE_SIZE}, "do_normalize": True, "do_rescale": True,
-        "image_mean": [0.5] * 3, "image_std": [0.5] * 3, "resample": 3,
-    }  # fmt: skip
-    (fresh / "preprocessor_config.json").write_text(json.dumps(preprocessing, indent=1))
-    shutil.rmtree(out, ignore_errors=True)
-    os.replace(fresh, out)
+    check_folder(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"{out.name}-", dir=out.parent) as workplace:
+        fresh = Path(workplace) / out.name
+        model.to(memory_format=torch.contiguous_format).save_pretrained(fresh)
+        tokenizer.save_pretrained(fresh)
+        preprocessing = {
+            "image_processor_type": "CLIPImageProcessor", "do_resize": True, "do_center_crop": False,
+            "size": {"height": IMAGE_SIZE, "width": IMAGE_SIZE}, "do_normalize": True, "do_rescale": True,
+            "image_mean": [0.5] * 3, "image_std": [0.5] * 3, "resample": 3,
+        }  # fmt: skip
+        (fresh / "preprocessor_config.json").write_text(json.dumps(preprocessing, indent=1))
+        if out.exists():
+            os.replace(out, Path(workplace) / "old")
+        os.replace(fresh, out)
 
 
 def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
@@ -273,9 +304,12 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
         run: folder for the crops and for the state to resume from.
 
     Raises:
-        ValueError: ``scenes`` or ``epochs`` below 1, or see `train`.
+        ValueError: ``scenes`` or ``epochs`` below 1, a negative ``seed``, or see `check_folder` and `train`.
     """
     check_size(scenes, epochs)
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
+    check_folder(out)  # Before an hour of training, not after it.
     start = time.time()
     crops = rendered_crops(run, scenes, seed)
     print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")

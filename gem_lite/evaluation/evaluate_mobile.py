@@ -16,7 +16,7 @@ from gem_lite.evaluation.results import Score
 from gem_lite.policies import gem, methods, several_tables
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import tags
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import driving, worlds
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.worlds import WorldStyle
@@ -113,6 +113,35 @@ def run_job(job: Job) -> list[Outcome]:
         return [run_episode(world, policy, job.task_name, job.split, index, job.conditions) for index in job.indices]
 
 
+def check(
+    checkpoint: Path, task_names: Sequence[str], split: tasks.Split = "test", clip_name: str | None = None,
+    tables: int = 2,
+) -> None:  # fmt: skip
+    """Check that a policy can be measured on tasks over several tables.
+
+    Raises:
+        ValueError: unknown task or split, fewer than one table, a policy that is no GEM or of another table.
+        FileNotFoundError: no such checkpoint.
+    """
+    if tables < 1:
+        raise ValueError(f"tables must be at least 1, got {tables}")
+    for name in task_names:
+        if name not in TASKS:
+            raise ValueError(f"task must be one of {', '.join(TASKS)}, got {name!r}")
+    policy = several_tables.check_policy(load_policy(checkpoint, clip.load(clip_name)))
+    for name in task_names:
+        trained, asked = (_table_of(one) for one in (policy.config.workspace, tasks.make(name, split).workspace))
+        if trained != asked:
+            raise ValueError(
+                f"the checkpoint {checkpoint} was trained for a table {trained}; that of {name} is {asked}"
+            )
+
+
+def _table_of(workspace: Workspace) -> str:
+    """The limits of a table in words."""
+    return f"x {workspace.x_min:.3f} to {workspace.x_max:.3f} m, y {workspace.y_min:.3f} to {workspace.y_max:.3f} m"
+
+
 def measure(
     checkpoint: Path, task_name: str, episodes: int, conditions: Sequence[Condition], split: tasks.Split = "test",
     start: int = 0, clip_name: str | None = None, tables: int = 2, processes: int | None = None,
@@ -121,14 +150,12 @@ def measure(
     """Episodes ``start`` .. ``start + episodes - 1`` of a split under every condition, one process a core.
 
     Raises:
-        ValueError: unknown task, split or world, or no episode.
+        ValueError: see `check`, or an unknown world, or no episode.
+        FileNotFoundError: no such checkpoint.
     """
-    if task_name not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task_name!r}")
     parts = workers.chunks(start, episodes)
-    tasks.make(task_name, split)
     style = worlds.style(world)
-    load_policy(checkpoint, clip.load(clip_name))  # Errors are raised here, not in a worker.
+    check(checkpoint, [task_name], split, clip_name, tables)  # Errors are raised here, not in a worker.
     jobs = [Job(checkpoint, clip_name, style, task_name, split, part, tuple(conditions), tables) for part in parts]
     return workers.run_jobs(run_job, jobs, lambda outcome: outcome.rewards[0], task_name, episodes, processes)
 

@@ -288,17 +288,3 @@ def measure_packing(
     row = results.result_row(METHOD, task_name, play_packing(task_name, episodes, model, settings), "all", facts)
     results.file_rows([row], path)
     return row
-
-
-def described(row: dict) -> str:
-    """A row of `result_rows` in one line."""
-    near = _rate_text(row[NEAR])
-    exact = _rate_text(row["exact"])
-    return (
-        f"{row['scenes']}, {row['map']}: near {near}, exact {exact}, {row['phrases']} phrases, "
-        f"{row['without_crop']} more had no crop"
-    )
-
-
-def _rate_text(share: dict | None) -> str:
-    return "None" if share is None else "{mean} {ci95}".format(**share)

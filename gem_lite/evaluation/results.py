@@ -7,15 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gem_lite import clip, tasks
-from gem_lite.config import Config
 from gem_lite.evaluation import statistics
-from gem_lite.files import read_json, write_atomically
+from gem_lite.files import DATA, read_json, write_atomically
 
-RESULTS = clip.DATA / "results"
+if TYPE_CHECKING:
+    from gem_lite.config import Config
+
+RESULTS = DATA / "results"
 """The rows that the lessons draw."""
 RUNS = Path("runs/results")
 """Rows of runs that are not filed."""
@@ -109,6 +111,8 @@ def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset:
 
 def results_file(task_name: str) -> Path:
     """Where the rows of a task's family are filed. Raises ValueError if no task has the name."""
+    from gem_lite import tasks  # Only here: it needs the simulator, and stored rows need none.
+
     return RESULTS / f"{tasks.family(task_name)}.jsonl"
 
 

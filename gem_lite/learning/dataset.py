@@ -228,7 +228,8 @@ def _open_manifest(folder: Path, source: dict, code: str) -> dict:
             values = old_source if isinstance(old_source, dict) else {}
             differing = sorted(key for key in source if values.get(key) != source[key])
             raise ValueError(
-                f"{folder} holds steps prepared from another {', '.join(differing)}; give another run, or remove it"
+                f"{folder} holds steps prepared from another {', '.join(differing)}: give another folder by --state, "
+                "or remove it"
             )
         missing = [name for name in manifest["files"] if not (folder / name).exists()]
         if manifest["code"] == code and not missing:

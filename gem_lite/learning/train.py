@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import time
@@ -16,10 +15,10 @@ from accelerate import Accelerator, PartialState
 from torch import nn
 from tqdm import tqdm
 
-from gem_lite import clip, demonstrations, language
-from gem_lite.config import MULTI_TASK, Config
-from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
-from gem_lite.learning import augment, dataset, mixture, recorded
+from gem_lite import clip
+from gem_lite.config import Config
+from gem_lite.demonstrations import DemonstrationSet
+from gem_lite.learning import augment, dataset, folders, mixture
 from gem_lite.learning.dataset import StoredSteps
 from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints
@@ -254,15 +253,21 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; several folders
-            without the ending "multi", or the reverse, with unequal numbers of demonstrations or different tables.
+        ValueError: there is no GPU; ``checkpoint`` is a folder; ``seed`` is negative; ``episodes`` is below 1 or above
+            the number of demonstrations; demonstrations are not of the split "train"; several folders without the
+            ending "multi", or the reverse, with unequal numbers of demonstrations or different tables.
         FloatingPointError, OSError: see `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    folders = _packed((folder, *also), run, settings, device)
-    sets = _demonstrations_of_tasks(folders, episodes, settings)
-    policy = method(_on_table_of(sets, settings), clip.load(clip_name), seed=seed)
+    if checkpoint.is_dir():
+        raise ValueError(f"checkpoint must be a file to write, got the folder {checkpoint}")
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
+    with PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION).main_process_first():
+        packed = folders.packed((folder, *also), run / RECORDED, settings)
+    sets = folders.demonstrations_of_tasks(packed, episodes, settings)
+    policy = method(folders.on_table_of(sets, settings), clip.load(clip_name), seed=seed)
     places = (run, device, shared)
     steps = prepared_tasks(policy, sets, *places) if also else prepared_steps(policy, sets[0], *places)
     cost = train(policy, steps, seed, run, device)
@@ -272,7 +277,8 @@ def train_from_folder(
         "task": " + ".join(part[0].task for part in sets),
         "demos": len(sets[0]),
         "demonstrations_world": sets[0][0].world,
-        "data_sha256": _data_hash(folders, episodes),
+        "demonstrations_split": sets[0][0].split,
+        "data_sha256": folders.data_hash(packed, episodes),
         "seed": seed,
         "train_seconds": round(cost.seconds, 1),
         "train_cpu_seconds": round(cost.cpu_seconds, 1),
@@ -281,67 +287,3 @@ def train_from_folder(
     checkpoints.save_policy(policy, checkpoint, facts)
     discard(run)
     return {"method": policy.name, **facts}
-
-
-def _packed(folders: Sequence[Path], run: Path, settings: Config, device: str) -> list[Path]:
-    """The folders, with those of recorded episodes replaced by sets in ``run`` that hold the same episodes."""
-    parser = language.PARSERS.find(settings.parser)
-    ready = []
-    with PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION).main_process_first():
-        for number, folder in enumerate(folders):
-            if not recorded.is_recorded(folder):
-                ready.append(folder)
-                continue
-            into = run / RECORDED / str(number) / folder.resolve().name
-            recorded.pack(folder, into, settings.workspace, parser)
-            ready.append(into)
-    return ready
-
-
-def _demonstrations_of_tasks(
-    folders: Sequence[Path], episodes: int | None, settings: Config
-) -> list[DemonstrationSet]:  # fmt: skip
-    """The demonstrations of each folder, equally many. Several folders need a method with the ending "multi"."""
-    several = MULTI_TASK in settings.ablations
-    if several != (len(folders) > 1):
-        raise ValueError(
-            f"a method with the ending {MULTI_TASK!r} needs several folders of demonstrations, any other method one, "
-            f"got the endings {settings.variant or 'none'!r} and {len(folders)}"
-        )
-    sets = [_first_demonstrations(path, episodes) for path in folders]
-    counts = sorted({len(part) for part in sets})
-    if len(counts) > 1:
-        raise ValueError(f"the folders must hold equally many demonstrations, got {counts}: give --episodes")
-    return sets
-
-
-def _on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
-    """The configuration for the tables of all demonstrations. Those of one's own table lie on the configuration's."""
-    own = {part[0].world == OWN_WORLD for part in sets}
-    if own == {True}:
-        return settings
-    if True in own or settings.rectangle is not None:
-        raise ValueError(
-            "demonstrations of our tasks cannot have a rectangle, nor be mixed with those of another table"
-        )
-    from gem_lite import tasks  # Only here: it needs the simulator, and one's own table needs none.
-
-    lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
-    if len(lengths) > 1:
-        raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
-    return settings.on_table(lengths[0])
-
-
-def _data_hash(folders: Sequence[Path], episodes: int | None) -> str:
-    """The SHA-256 of the demonstrations; of several folders, that of their hashes one after the other."""
-    hashes = [demonstrations.data_hash(folder, episodes) for folder in folders]
-    return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
-
-
-def _first_demonstrations(folder: Path, episodes: int | None) -> DemonstrationSet:
-    if episodes is not None and episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    demos = demonstrations.load(folder)[:episodes]
-    if episodes is not None and len(demos) < episodes:
-        raise ValueError(f"episodes must be at most {len(demos)}, which {folder} holds, got {episodes}")
-    return demos

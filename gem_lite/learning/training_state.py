@@ -70,15 +70,15 @@ class TrainingState:
         """Load the state from the file, if there is one.
 
         Raises:
-            ValueError: the file belongs to another training.
+            ValueError: the file is damaged, or belongs to another training.
         """
         if not self.file.exists():
             return
-        state = torch.load(self.file, map_location=device)
+        state = load_state(self.file, device)
         if state["identity"] != self.identity:
             raise ValueError(
                 f"{self.file} belongs to a training with other settings (method, configuration, data, seed or "
-                "number of processes); give another run"
+                "number of processes): give another folder by --state, or remove it"
             )
         for role, module in self.modules.items():
             module.load_state_dict(state[role])
@@ -101,10 +101,31 @@ class TrainingState:
         state = {"identity": self.identity, "step": step, "cost": tuple(self.cost)}
         for role, module in self.modules.items():
             state |= {role: module.state_dict(), f"{role}_optimizer": self.optimizers[role].state_dict()}
-        # First into memory: torch does not always report a full disk.
-        buffer = io.BytesIO()
-        torch.save(state, buffer)
         try:
-            write_atomically(self.file, buffer.getvalue())
+            save_state(self.file, state)
         except OSError as error:
             raise OSError(f"the state of step {step} cannot be saved ({error}); {self.description}") from error
+
+
+def save_state(file: Path, state: Mapping[str, object]) -> None:
+    """Write the state of a training; after an interruption or on a full disk, the old file is unchanged."""
+    # First into memory: torch does not always report a full disk.
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    write_atomically(file, buffer.getvalue())
+
+
+def load_state(file: Path, device: torch.device | None = None) -> dict:
+    """A state of `save_state`.
+
+    Raises:
+        ValueError: the file is empty, cut off or something else.
+    """
+    content = io.BytesIO(file.read_bytes())
+    try:
+        state = torch.load(content, map_location=device)
+        if "identity" not in state:
+            raise KeyError("identity")
+    except Exception as error:  # A damaged file can have any error.
+        raise ValueError(f"{file} is cut off or no state of a training: remove it to begin anew") from error
+    return state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 import torch
 
 from gem_lite.clip import Clip
-from gem_lite.config import Config
+from gem_lite.config import COUNT, LENGTH, Allowed, Config
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class PatchConfig(Config):
         "lite": {},
         "paper": {**Config.PRESETS["paper"], "patch": 40, "stride": 20},
     }
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **Config.ALLOWED, "patch": COUNT, "stride": COUNT, "top_patch": LENGTH, "top_stride": LENGTH,
+    }  # fmt: skip
 
     patch: int = 20
     stride: int = 10

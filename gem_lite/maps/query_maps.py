@@ -5,13 +5,14 @@ The networks of GEM read these maps. Rivals can be restricted by them (`gem_lite
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from gem_lite import language
+from gem_lite.config import FLAG, RADIUS, TEXT, Allowed, number, or_none
 from gem_lite.language import Query
 from gem_lite.maps import locations, semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
@@ -33,6 +34,11 @@ class MapConfig(PatchConfig):
     """
 
     AFTER_PREPARATION: ClassVar[frozenset[str]] = PatchConfig.AFTER_PREPARATION | {"peak_margin", "peak_radius"}
+
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **PatchConfig.ALLOWED, "text_weight": number(0, 10), "image_weight": number(0, 10), "conjuncts": FLAG,
+        "semantic_map": TEXT, "peak_margin": or_none(number(0, 10)), "peak_radius": RADIUS,
+    }  # fmt: skip
 
     text_weight: float = 0.8
     image_weight: float = 0.2

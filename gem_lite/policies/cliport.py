@@ -22,7 +22,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import Ablation
+from gem_lite.config import FLAG, LENGTH, Ablation, Allowed, up_to
 from gem_lite.language import Queries
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
 from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
@@ -48,6 +48,12 @@ class ClipPortConfig(KeyQueryConfig):
     }
     ADDED: ClassVar[frozenset[str]] = KeyQueryConfig.ADDED | {"skips"}
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"recolor"}
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **KeyQueryConfig.ALLOWED,
+        "top_patch": LENGTH,
+        "recolor": FLAG,
+        "skips": up_to(3),
+    }
 
     top_patch: float = 0.125
     recolor: bool = True

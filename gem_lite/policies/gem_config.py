@@ -6,7 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
-from gem_lite.config import MULTI_TASK, SHARED_ABLATIONS, SHARED_ENDINGS, Ablation
+from gem_lite.config import (
+    COUNT,
+    FLAG,
+    MULTI_TASK,
+    SHARED_ABLATIONS,
+    SHARED_ENDINGS,
+    Ablation,
+    Allowed,
+    each,
+    number,
+    one_of,
+    whole_number,
+)
 from gem_lite.maps import sources
 from gem_lite.maps.query_maps import MapConfig
 
@@ -79,6 +91,13 @@ class GemConfig(MapConfig):
         "drop_image_map", "map_gain", "map_offset", "recolor", "rotations", "frequency",
         "kernel", "crop", "widths", "kernel_widths", "fields", "channels", "kernels", "language_in_attention",
     }  # fmt: skip
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **MapConfig.ALLOWED, "drop_image_map": number(0, 1), "own_crop": FLAG, "map_gain": each(number(0, 10), 2),
+        "map_offset": number(0, 10), "recolor": FLAG, "rotations": COUNT, "frequency": whole_number(0),
+        "kernel": whole_number(1, odd=True), "crop": whole_number(1, odd=True), "widths": each(COUNT, 4),
+        "kernel_widths": each(COUNT, 3), "fields": COUNT, "channels": COUNT,
+        "kernels": one_of(get_args(Kernels)), "language_in_attention": FLAG,
+    }  # fmt: skip
 
     drop_image_map: float = 0.3
     own_crop: bool = False
@@ -99,8 +118,12 @@ class GemConfig(MapConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         sources.SOURCES.find(self.semantic_map)
-        if self.kernels not in get_args(Kernels):
-            raise ValueError(f"kernels must be one of {', '.join(get_args(Kernels))}, got {self.kernels!r}")
+        if 2 * self.frequency >= self.rotations:
+            raise ValueError(
+                f"frequency must be below half of rotations, which is {self.rotations / 2:g}, got {self.frequency}"
+            )
+        if self.map_gain[0] > self.map_gain[1]:
+            raise ValueError(f"map_gain must go from a smaller number to a larger one, got {self.map_gain}")
 
 
 LITE = GemConfig.preset("lite")

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from gem_lite.actions import PickPlace, Push
+from gem_lite.actions import PickPlace, Push, equal_yaws
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationStep
 from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.steerable.loss import LOWEST
 
 HEIGHT_SCALE = 0.05
@@ -137,15 +138,17 @@ def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
     """A step's inputs with the expert's action as labels.
 
     A push is labelled as a pick at its start and a place at its end, with every angle right.
+
+    Raises:
+        ValueError: a pose of the action lies outside the configuration's table, or its yaw is not finite.
     """
     action = step.expert.action
-    workspace = config.workspace
     if isinstance(action, Push):
         action = PickPlace(action.start, action.end)
     return Sample(
         **vars(inputs),
-        pick=workspace.to_pixel(action.pick.x, action.pick.y),
-        place=workspace.to_pixel(action.place.x, action.place.y),
+        pick=_pixel("pick", action.pick, config.workspace),
+        place=_pixel("place", action.place, config.workspace),
         pick_yaw=action.pick.yaw,
         delta=action.delta,
         pick_symmetry=step.expert.pick_symmetry,
@@ -153,14 +156,29 @@ def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:
     )
 
 
+def _pixel(name: str, pose: Pose2, workspace: Workspace) -> tuple[float, float]:
+    """The pixel (row, col) of a label's pose. Its nearest cell must be one of the map's."""
+    pixel = workspace.to_pixel(pose.x, pose.y)
+    is_finite = all(math.isfinite(value) for value in (*pixel, pose.yaw))
+    if not is_finite or any(not 0 <= round(i) < side for i, side in zip(pixel, workspace.shape, strict=True)):
+        raise ValueError(
+            f"{name} must have a finite yaw and lie on the table, which is x {workspace.x_min:.3f} to "
+            f"{workspace.x_max:.3f} m, y {workspace.y_min:.3f} to {workspace.y_max:.3f} m, got {pose}"
+        )
+    return pixel
+
+
 def right_bins(angle: float, symmetry: float, count: int) -> list[int]:
     """The angle bins of a label: the nearest bin of every equivalent angle.
 
     ``symmetry`` is the smallest turn that changes nothing (radians); 0 means that every angle is right.
+
+    Raises:
+        ValueError: ``symmetry`` is neither 0 nor 2 pi divided by a whole number.
     """
-    if symmetry == 0:
+    copies = equal_yaws(symmetry)
+    if copies == 0:
         return list(range(count))
-    copies = round(2 * math.pi / symmetry)
     equivalents = angle + 2 * math.pi * np.arange(copies) / copies
     return sorted({round(float(a) / (2 * math.pi / count)) % count for a in equivalents})
 

@@ -21,7 +21,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import SHARED_ENDINGS, Ablation, Config
+from gem_lite.config import COUNT, FLAG, SHARED_ENDINGS, Ablation, Allowed, Config, each, or_none
 from gem_lite.language import Queries
 from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies.base import PickPlacePolicy, SceneT
@@ -64,6 +64,10 @@ class KeyQueryConfig(Config):
     AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {
         "widths", "channels", "query", "pick_angles", "map_rules",
     }  # fmt: skip
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **Config.ALLOWED, "widths": each(COUNT, 4), "channels": COUNT, "pick_angles": or_none(COUNT), "map_rules": FLAG,
+        "query": Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15),
+    }  # fmt: skip
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
     channels: int = 3
@@ -94,6 +98,10 @@ class TransporterConfig(KeyQueryConfig):
         "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
     }
     AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins", "recolor"}
+    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
+        **KeyQueryConfig.ALLOWED, "recolor": FLAG,
+        "joins": Allowed("a whole number from 1 to 4", lambda value: COUNT.holds(value) and value <= 4),
+    }  # fmt: skip
 
     joins: int = 2
     recolor: bool = False

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,8 +34,7 @@ class Recording:
     """One step: the pictures before the action, the sentence, and the demonstrated pick and place.
 
     Raises:
-        ValueError: the sentence is empty; the action is no pick and place; a symmetry is not 2 pi divided by a whole
-            number, nor 0.
+        ValueError: the sentence is empty; the action is no pick and place.
     """
 
     observation: Observation
@@ -48,14 +46,6 @@ class Recording:
             raise ValueError("sentence is empty: say what to pick and where to place it")
         if not isinstance(self.expert.action, PickPlace):
             raise ValueError(f"the action must be a pick and place, got {self.expert.action}")
-        for name in ("pick_symmetry", "place_symmetry"):
-            symmetry = getattr(self.expert, name)
-            copies = 2 * math.pi / symmetry if symmetry > 0 else 0.0
-            if symmetry < 0 or abs(copies - round(copies)) > 1e-3:
-                raise ValueError(
-                    f"{name} must be the smallest turn in radians that changes nothing: 2 pi divided by a whole "
-                    f"number, or 0 if every yaw is right, got {symmetry}"
-                )
 
     @property
     def trace(self) -> tuple[GripperState, ...]:
