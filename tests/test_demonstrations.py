@@ -183,7 +183,7 @@ def with_changed_description(folder, number, change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda meta: meta["steps"][0].update(reward=float("nan")), "NaN is no JSON number"),
+        (lambda meta: meta["steps"][0].update(reward=float("nan")), "NaN is no finite number"),
         (lambda meta: meta["steps"][0].update(reward="1.0"), "a finite number is needed, got '1.0'"),
         (lambda meta: meta["steps"][0]["expert"]["action"]["pick"].update(x=None), "a finite number is needed"),
         (lambda meta: meta["steps"][0].update(instruction=[]), r"a text is needed, got \[\]"),

@@ -293,7 +293,8 @@ def _packed(folders: Sequence[Path], run: Path, settings: Config, device: str) -
                 ready.append(folder)
                 continue
             into = run / RECORDED / str(number) / folder.resolve().name
-            recorded.pack(folder, into, settings.workspace, parser)
+            if PartialState().is_main_process:  # Only one process may write into a folder.
+                recorded.pack(folder, into, settings.workspace, parser)
             ready.append(into)
     return ready
 

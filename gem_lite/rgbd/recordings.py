@@ -22,12 +22,14 @@ from pathlib import Path
 from typing import Any
 
 from gem_lite.actions import ExpertAction, GripperState, PickPlace
-from gem_lite.files import as_number, as_text, read_json, write_atomically
+from gem_lite.files import as_number, as_text, read_json, unchanged, write_together, writing
 from gem_lite.rgbd.observation import DEPTH_SCALE, Observation
 from gem_lite.se2 import Pose2
 
 ACTION_FILE = "action.json"
 VERSION = 1
+MOST_COPIES = 360
+"""A symmetry by less than a degree is none: every yaw is right then."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Recording:
     """One step: the pictures before the action, the sentence, and the demonstrated pick and place.
 
     Raises:
-        ValueError: the sentence is empty; the action is no pick and place; a symmetry is not 2 pi divided by a whole
-            number, nor 0.
+        ValueError: the sentence is empty; the action is no pick and place, or a number of it is not finite; a symmetry
+            is neither 0 nor 2 pi divided by a whole number from 1 to `MOST_COPIES`.
     """
 
     observation: Observation
@@ -48,13 +50,17 @@ class Recording:
             raise ValueError("sentence is empty: say what to pick and where to place it")
         if not isinstance(self.expert.action, PickPlace):
             raise ValueError(f"the action must be a pick and place, got {self.expert.action}")
+        for name in ("pick", "place"):
+            pose = getattr(self.expert.action, name)
+            if not all(math.isfinite(number) for number in dataclasses.astuple(pose)):
+                raise ValueError(f"{name} must have finite numbers, got {pose}")
         for name in ("pick_symmetry", "place_symmetry"):
             symmetry = getattr(self.expert, name)
-            copies = 2 * math.pi / symmetry if symmetry > 0 else 0.0
-            if symmetry < 0 or abs(copies - round(copies)) > 1e-3:
+            copies = 2 * math.pi / symmetry if symmetry else 1.0
+            if not 0.5 < copies < MOST_COPIES + 0.5 or abs(copies - round(copies)) > 1e-3:
                 raise ValueError(
                     f"{name} must be the smallest turn in radians that changes nothing: 2 pi divided by a whole "
-                    f"number, or 0 if every yaw is right, got {symmetry}"
+                    f"number from 1 to {MOST_COPIES}, or 0 if every yaw is right, got {symmetry}"
                 )
 
     @property
@@ -81,39 +87,42 @@ class Recording:
         path = Path(folder) / ACTION_FILE
         if not path.exists():
             raise FileNotFoundError(f"{folder} holds no recorded step: there is no {ACTION_FILE} in it")
-        content = read_json(path.read_bytes(), path)
-        if content.get("version") != VERSION:
-            raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
-        missing = [key for key in ("sentence", "pick", "place") if key not in content]
-        if missing:
-            raise ValueError(f"{path} lacks {', '.join(missing)}")
-        try:
-            sentence = as_text(content["sentence"])
-            action = PickPlace(_pose(content, "pick"), _pose(content, "place"))
-            symmetries = [as_number(content.get(name, 0)) for name in ("pick_symmetry", "place_symmetry")]
-            return cls(Observation.load(folder), sentence, ExpertAction(action, *symmetries))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        with unchanged(path):
+            content = read_json(path.read_bytes(), path)
+            if content.get("version") != VERSION:
+                raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
+            missing = [key for key in ("sentence", "pick", "place") if key not in content]
+            if missing:
+                raise ValueError(f"{path} lacks {', '.join(missing)}")
+            try:
+                sentence = as_text(content["sentence"])
+                action = PickPlace(_pose(content, "pick"), _pose(content, "place"))
+                symmetries = [as_number(content.get(name, 0)) for name in ("pick_symmetry", "place_symmetry")]
+                return cls(Observation.load(folder), sentence, ExpertAction(action, *symmetries))
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from error
 
     def save(self, folder: Path | str, depth_scale: float = DEPTH_SCALE) -> None:
-        """Write the recording into a folder, for `load`. The action is written last.
+        """Write the recording into a folder, for `load`: pictures and action together, or neither.
 
         Args:
             depth_scale: metres of one step of the depth pictures.
 
         Raises:
             ValueError: see `Observation.save`.
-            OSError: a file cannot be written.
+            OSError: a file cannot be written, or another process writes into the folder. The old files stay.
         """
         action = self.expert.action
         assert isinstance(action, PickPlace)
-        self.observation.save(folder, depth_scale)
+        contents = self.observation.contents(folder, depth_scale)
         content = {
             "version": VERSION, "sentence": self.sentence, "pick": dataclasses.asdict(action.pick),
             "place": dataclasses.asdict(action.place), "pick_symmetry": self.expert.pick_symmetry,
             "place_symmetry": self.expert.place_symmetry,
         }  # fmt: skip
-        write_atomically(Path(folder) / ACTION_FILE, json.dumps(content, indent=1).encode())
+        contents[Path(folder) / ACTION_FILE] = json.dumps(content, indent=1).encode()
+        with writing(Path(folder)):
+            write_together(contents)
 
 
 def _pose(content: Mapping[str, Any], name: str) -> Pose2:
