@@ -100,6 +100,7 @@ def test_a_write_that_failed_leaves_no_temporary_file(tmp_path, monkeypatch, err
 
 # A process that dies in the middle of a group.
 
+
 def save_and_die(folder, kind, number):
     """In a process of its own: save another step, and die at the rename ``number``. Returns whether it died."""
     process = os.fork()
@@ -215,7 +216,7 @@ with writing(__import__("pathlib").Path(sys.argv[1])):
 def test_a_second_process_is_refused_until_the_first_has_ended(tmp_path):
     first = start(HOLDER, tmp_path / "set")
     assert first.stdout.readline() == "in\n"
-    with pytest.raises(OSError, match="another process writes into .*set: wait for it"), writing(tmp_path / "set"):
+    with pytest.raises(OSError, match="another process writes into"), writing(tmp_path / "set"):
         pass
     with pytest.raises(OSError, match="another process writes into"):
         recording(100, 0.6).save(tmp_path / "set")
