@@ -255,11 +255,13 @@ def train_from_folder(
 
     Raises:
         ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; several folders
-            without the ending "multi", or the reverse, with unequal numbers of demonstrations or different tables.
+            without the ending "multi", or the reverse, with unequal numbers of demonstrations or different tables;
+            ``checkpoint`` does not end in ".safetensors".
         FloatingPointError, OSError: see `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
+    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
     folders = _packed((folder, *also), run, settings, device)
     sets = _demonstrations_of_tasks(folders, episodes, settings)
     policy = method(_on_table_of(sets, settings), clip.load(clip_name), seed=seed)
