@@ -2,7 +2,8 @@
 
 A set is a folder with one file for each episode and a manifest. The manifest is written last. It names every file with
 its SHA-256. The name of a file holds the beginning of its SHA-256, so the files of a new set never overwrite those of
-an old set. The old set stays complete until the new manifest is written.
+an old set. The old set stays complete until the new manifest is written. Only one process at a time writes into a
+folder (`gem_lite.files.writing`), and files that no manifest names are left alone.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from typing_extensions import override
 
@@ -32,15 +33,19 @@ from gem_lite.files import (
     read_json,
     read_verified,
     write_atomically,
+    writing,
 )
+from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, View
-from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.observation import DEPTH_SCALE, Observation, depth_steps
 from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2
 
 SCHEMA = 3
-DEPTH_UNIT = 1e-4
-"""Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG."""
+DEPTH_UNIT = DEPTH_SCALE
+"""Depth is kept in steps of 0.1 mm, up to 6.5535 m, as 16-bit PNG; see `depth_steps`."""
+LARGEST_EPISODE = 2**30
+"""A file that unpacks to more bytes is refused: a small archive may claim any size, and would fill the memory."""
 _KINDS: dict[type[Action], str] = {PickPlace: "pick-place", Push: "push"}
 _EPISODE_FILE = re.compile(r"episode-\d{4,}-[0-9a-f]{12}\.npz")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -115,7 +120,7 @@ class Demonstration:
 def natural_order(path: Path) -> list[tuple[int, str]]:
     """A key that sorts names as people do: step-2 before step-10."""
     parts = re.findall(r"\d+|\D+", path.name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 class DemonstrationSet(FileSequence[Demonstration]):
@@ -137,11 +142,11 @@ class DemonstrationSet(FileSequence[Demonstration]):
 
 
 def quantized(observation: Observation) -> Observation:
-    """The observation with its depth rounded as in the files."""
+    """The observation with its depth as the files hold it. Raises ValueError: see `depth_steps`."""
     views = []
     for view in observation.views:
-        depth = np.round(np.clip(view.depth / DEPTH_UNIT, 0, 65535)).astype(np.uint16)
-        views.append(dataclasses.replace(view, depth=depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
+        depth = depth_steps(view, DEPTH_UNIT).astype(np.float32) * np.float32(DEPTH_UNIT)
+        views.append(dataclasses.replace(view, depth=depth))
     return Observation(tuple(views))
 
 
@@ -155,17 +160,13 @@ def unpack(trace: np.ndarray) -> tuple[GripperState, ...]:
     return tuple(GripperState(x, y, yaw, bool(holding)) for x, y, yaw, holding in trace.tolist())
 
 
-def _png(image: np.ndarray) -> np.ndarray:
-    return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].reshape(-1)
-
-
 def _encode(demonstration: Demonstration) -> bytes:
     arrays: dict[str, np.ndarray] = {}
     steps = []
     for i, step in enumerate(demonstration.steps):
         for j, view in enumerate(step.observation.views):
-            arrays[f"rgb-{i}-{j}"] = _png(view.rgb[..., ::-1])
-            arrays[f"depth-{i}-{j}"] = _png(np.round(view.depth / DEPTH_UNIT).astype(np.uint16))
+            arrays[f"rgb-{i}-{j}"] = np.frombuffer(png.encode(view.rgb), np.uint8)
+            arrays[f"depth-{i}-{j}"] = np.frombuffer(png.encode(depth_steps(view, DEPTH_UNIT)), np.uint8)
         arrays[f"trace-{i}"] = pack(step.trace)
         steps.append({
             "instruction": step.instruction,
@@ -185,6 +186,10 @@ def _encode(demonstration: Demonstration) -> bytes:
 
 
 def _decode(content: bytes) -> Demonstration:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > LARGEST_EPISODE:
+        raise ValueError(f"it unpacks to {size} bytes, and at most {LARGEST_EPISODE} are allowed")
     arrays = np.load(io.BytesIO(content))
     meta = read_json(arrays["meta"].tobytes(), "its description")
     return Demonstration(
@@ -196,8 +201,8 @@ def _decode(content: bytes) -> Demonstration:
 def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> DemonstrationStep:
     views = []
     for j, camera in enumerate(step["cameras"]):
-        rgb = _image(arrays[f"rgb-{i}-{j}"], cv2.IMREAD_COLOR)[..., ::-1].copy()
-        depth = _image(arrays[f"depth-{i}-{j}"], cv2.IMREAD_UNCHANGED)
+        rgb = png.decode(arrays[f"rgb-{i}-{j}"].tobytes(), 3, np.uint8, f"rgb-{i}-{j}")
+        depth = png.decode(arrays[f"depth-{i}-{j}"].tobytes(), 1, np.uint16, f"depth-{i}-{j}")
         numbers: dict[str, Any] = {name: as_tuples(value) for name, value in camera.items()}
         camera = Camera(**numbers)
         views.append(View(camera, rgb, depth.astype(np.float32) * np.float32(DEPTH_UNIT)))
@@ -214,13 +219,6 @@ def _decode_step(step: dict, i: int, arrays: Mapping[str, np.ndarray]) -> Demons
         unpack(trace),
         as_number(step["reward"]),
     )
-
-
-def _image(png: np.ndarray, kind: int) -> np.ndarray:
-    image = cv2.imdecode(png, kind)
-    if image is None:
-        raise ValueError("a picture is not a complete PNG")
-    return image
 
 
 def _encode_action(action: Action) -> dict:
@@ -244,31 +242,48 @@ def _decode_pose(entry: dict) -> Pose2:
 
 
 def save(demonstrations: Sequence[Demonstration], folder: Path) -> None:
-    """Write a set. An old set in ``folder`` is removed after the new one is complete.
+    """Write a set. The files of an old set in ``folder`` are removed after the new one is complete; others stay.
 
     Raises:
         ValueError: there are no demonstrations, or they have different tasks, splits or worlds.
+        OSError: a file cannot be written, or another process writes into the folder. The old set stays.
     """
     if not demonstrations:
         raise ValueError("demonstrations is empty: there is nothing to save")
     folder = Path(folder)
-    files: dict[str, str] = {}
-    facts: dict[str, str] = {}
-    for number, demonstration in enumerate(demonstrations):
-        episode_facts = {name: getattr(demonstration, name) for name in ("task", "split", "world")}
-        if number == 0:
-            facts = episode_facts
-        if episode_facts != facts:
-            raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {episode_facts}")
-        files |= write_episode(folder, number, demonstration)
-    write_manifest(folder, facts, files)
-    for path in folder.glob("episode-*.npz"):
-        if path.name not in files:
-            path.unlink()
+    with writing(folder):
+        old = _named_files(folder)
+        files: dict[str, str] = {}
+        facts: dict[str, str] = {}
+        try:
+            for number, demonstration in enumerate(demonstrations):
+                own = {name: getattr(demonstration, name) for name in ("task", "split", "world")}
+                facts = facts or own
+                if own != facts:
+                    raise ValueError(f"demonstrations must be of one task, split and world, got {facts} and {own}")
+                files |= write_episode(folder, number, demonstration)
+        except BaseException:
+            _remove(folder, files.keys() - old)
+            raise
+        write_manifest(folder, facts, files)
+        _remove(folder, old - files.keys())
+
+
+def _named_files(folder: Path) -> set[str]:
+    """The names of the files of the set in a folder; none if there is no set, or its manifest is damaged."""
+    try:
+        return set(read_manifest(folder)["files"])
+    except (FileNotFoundError, ValueError):
+        return set()
+
+
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
 
 
 def write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
-    """Write the file of an episode. Returns the file's name and its SHA-256."""
+    """Write the file of an episode, inside `gem_lite.files.writing`. Returns the file's name and its SHA-256."""
     content = _encode(demonstration)
     digest = hashlib.sha256(content).hexdigest()
     name = f"episode-{number:04d}-{digest[:12]}.npz"
@@ -277,7 +292,7 @@ def write_episode(folder: Path, number: int, demonstration: Demonstration) -> di
 
 
 def write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
-    """Write the manifest of a set: the ``facts`` about it, and its files with their SHA-256."""
+    """Write the manifest of a set, inside `gem_lite.files.writing`: the ``facts`` about it, and its files' SHA-256."""
     manifest = {"schema": SCHEMA, **facts, "files": files}
     write_atomically(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
 

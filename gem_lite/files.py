@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+import sys
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn, Self, TypeVar, overload
+
+import filelock
 
 Item = TypeVar("Item")
 
@@ -33,14 +38,22 @@ def read_json(content: bytes | str, name: object) -> dict:
         name: names the content in an error message.
 
     Raises:
-        ValueError: the content is cut off, is not JSON or not an object, or a number in it is not finite.
+        ValueError: the content is cut off, is not JSON or not an object, or a number in it is not finite as a float.
     """
 
     def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no JSON number")
+        raise ValueError(f"{constant:.20} is no finite number")
+
+    def real(digits: str) -> float:
+        number = float(digits)
+        return number if math.isfinite(number) else refuse(digits)
+
+    def whole(digits: str) -> int:
+        real(digits)
+        return int(digits)
 
     try:
-        value = json.loads(content, parse_constant=refuse)
+        value = json.loads(content, parse_constant=refuse, parse_float=real, parse_int=whole)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{name} is cut off or no JSON: {error}") from error
     if not isinstance(value, dict):
@@ -53,19 +66,90 @@ def write_atomically(path: Path, content: bytes) -> None:
     write_together({path: content})
 
 
-def write_together(contents: dict[Path, bytes]) -> None:
-    """`write_atomically` for several files: all new files are on the disk before the first old file is replaced."""
-    temporary = {path: path.with_name(path.name + ".part") for path in contents}
+def write_together(contents: Mapping[Path, bytes]) -> None:
+    """Write files that belong together. A file that names others must come after them.
+
+    After an error all old files are there, unchanged. If the process is killed, all files are old, all are new, or the
+    last one is missing: a reader that begins with the last file never gets a mixture. Only one process at a time may
+    write several files (`writing`); a single file may have any number of writers.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    token = uuid.uuid4().hex[:12]
+    fresh = {path: path.with_name(f"{path.name}.{token}.part") for path in contents}
+    old: dict[Path, Path] = {}
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary[path].write_bytes(content)
-    except OSError:
-        for leftover in temporary.values():
-            leftover.unlink(missing_ok=True)
+            fresh[path].write_bytes(content)
+            with fresh[path].open("rb+") as file:
+                os.fsync(file.fileno())
+        if len(contents) > 1:
+            for path in reversed(fresh):
+                if path.is_file():
+                    old[path] = path.with_name(f"{path.name}.{token}.old")
+                    os.replace(path, old[path])
+        for path, complete in fresh.items():
+            os.replace(complete, path)
+    except BaseException:
+        for path, kept in old.items():
+            if kept.exists():
+                os.replace(kept, path)
         raise
-    for path, complete in temporary.items():
-        os.replace(complete, path)
+    finally:
+        for leftover in fresh.values():
+            if leftover.exists():
+                leftover.unlink()
+    for kept in old.values():
+        kept.unlink()
+    for folder in {path.parent for path in contents}:
+        _sync_folder(folder)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk, where the system can do that: Windows cannot."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Write into a folder as the only process. The system frees the lock when the process ends, after a kill, too.
+
+    The lock is the file ``.lock`` in the folder. It stays there and holds nothing.
+
+    Raises:
+        OSError: another process writes into the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = filelock.FileLock(folder / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        raise BlockingIOError(f"another process writes into {folder}: wait for it, or give another folder") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextlib.contextmanager
+def unchanged(path: Path) -> Iterator[None]:
+    """Read the files that belong to ``path``, which is replaced whenever they are (`write_together`).
+
+    Raises:
+        ValueError: ``path`` was replaced meanwhile, so what was read may be a mixture.
+    """
+    before = path.stat()
+    yield
+    after = path.stat() if path.exists() else None
+    if after is None or (before.st_ino, before.st_mtime_ns) != (after.st_ino, after.st_mtime_ns):
+        raise ValueError(f"{path.parent} was written while it was read: read it again")
 
 
 class FileSequence(Sequence[Item]):
@@ -142,19 +226,20 @@ def as_tuples(value: object) -> object:
 def as_text(value: object) -> str:
     """A text of JSON that is not empty. Raises ValueError for anything else."""
     if not isinstance(value, str) or not value:
-        raise ValueError(f"a text is needed, got {value!r}")
+        raise ValueError(f"a text is needed, got {value!r:.50}")
     return value
 
 
 def as_number(value: object) -> float:
     """A finite number of JSON. Raises ValueError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"a finite number is needed, got {value!r}")
+    # A whole number may be too large for a float, so that math.isfinite fails.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+        raise ValueError(f"a finite number is needed, got {value!r:.50}")
     return value
 
 
 def as_whole_number(value: object) -> int:
     """A whole number of JSON, from 0 on. Raises ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"a whole number from 0 on is needed, got {value!r}")
+        raise ValueError(f"a whole number from 0 on is needed, got {value!r:.50}")
     return value

@@ -3,12 +3,16 @@ import hashlib
 import json
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import tracemalloc
+import zipfile
+import zlib
 from collections import deque
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -20,6 +24,7 @@ from gem_lite.files import write_atomically
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
 from gem_lite.registry import Registry
+from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import worlds
 
@@ -183,7 +188,7 @@ def with_changed_description(folder, number, change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda meta: meta["steps"][0].update(reward=float("nan")), "NaN is no JSON number"),
+        (lambda meta: meta["steps"][0].update(reward=float("nan")), "NaN is no finite number"),
         (lambda meta: meta["steps"][0].update(reward="1.0"), "a finite number is needed, got '1.0'"),
         (lambda meta: meta["steps"][0]["expert"]["action"]["pick"].update(x=None), "a finite number is needed"),
         (lambda meta: meta["steps"][0].update(instruction=[]), r"a text is needed, got \[\]"),
@@ -506,3 +511,188 @@ def test_an_action_without_a_kind_is_a_pick_and_place_on_the_only_table():
 def test_a_wrong_action_is_named(wrong, said):
     with pytest.raises(ValueError, match=said):
         demonstrations._decode_action(wrong)
+
+
+# One process at a time, and the files of others
+
+SAVER = """
+import sys, time
+from pathlib import Path
+from gem_lite import demonstrations
+source, folder = Path(sys.argv[1]), Path(sys.argv[2])
+episodes = list(demonstrations.load(source))[:: int(sys.argv[3])]
+saved = 0
+while saved < 8:
+    try:
+        demonstrations.save(episodes, folder)
+        saved += 1
+    except BlockingIOError as error:
+        assert "another process writes into" in str(error), error
+    time.sleep(0.01)
+"""
+
+
+def test_two_processes_that_save_into_one_folder_lose_nothing(demo_set, tmp_path):
+    words = [sys.executable, "-c", SAVER, str(demo_set[0]), str(tmp_path / "set")]
+    savers = [subprocess.Popen([*words, order], stderr=subprocess.PIPE, text=True) for order in ("1", "-1")]
+    for saver in savers:
+        _, errors = saver.communicate(timeout=600)
+        assert saver.returncode == 0, errors
+    assert sorted(demonstration.seed for demonstration in load(tmp_path / "set")) == [0, 1]
+    assert len(list((tmp_path / "set").glob("*.npz"))) == 2
+
+
+def test_a_second_writer_is_refused_while_a_set_is_saved(demo_set, tmp_path):
+    class Episodes(list):
+        def __iter__(self):
+            yield self[0]
+            with pytest.raises(OSError, match=f"another process writes into {tmp_path}: wait for it, or give another"):
+                save(demo_set[1][1:], tmp_path)
+            yield self[1]
+
+    save(Episodes(demo_set[1]), tmp_path)
+    assert [demonstration.seed for demonstration in load(tmp_path)] == [0, 1]
+
+
+def test_a_second_writer_is_refused_while_a_collection_runs(demo_set, tmp_path, monkeypatch):
+    honest = collecting.roll_out
+
+    def with_rivals(world, name, split, index):
+        with pytest.raises(OSError, match="another process writes into"):
+            save(demo_set[1], tmp_path)
+        with pytest.raises(OSError, match="another process writes into"):
+            collect(TASK, 1, tmp_path)
+        return honest(world, name, split, index)
+
+    monkeypatch.setattr(collecting, "roll_out", with_rivals)
+    assert len(collect(TASK, 2, tmp_path)) == 2
+    assert data_hash(tmp_path) == data_hash(demo_set[0])
+
+
+def test_files_that_the_manifest_does_not_name_stay(copied, demo_set):
+    foreign = copied / "episode-0007-0123456789ab.npz"
+    foreign.write_bytes(b"of somebody else")
+    save([dataclasses.replace(demo_set[1][0], seed=7)], copied)
+    assert foreign.read_bytes() == b"of somebody else"
+    assert len(list(copied.glob("*.npz"))) == 2
+
+
+def test_a_save_that_is_refused_leaves_no_episode_behind(copied, demo_set):
+    before = {path.name: path.read_bytes() for path in copied.iterdir()}
+    other = dataclasses.replace(demo_set[1][0], seed=7)
+    with pytest.raises(ValueError, match="one task, split and world"):
+        save([other, dataclasses.replace(other, world="elsewhere")], copied)
+    assert {path.name: path.read_bytes() for path in copied.iterdir()} == before
+
+
+# Depth
+
+
+def with_depth(demonstration, change):
+    """The first step alone, with the depth of its first view changed in place by ``change``."""
+    step = demonstration.steps[0]
+    view = step.observation.views[0]
+    depth = view.depth.copy()
+    change(depth)
+    views = (dataclasses.replace(view, depth=depth), *step.observation.views[1:])
+    return dataclasses.replace(demonstration, steps=(dataclasses.replace(step, observation=Observation(views)),))
+
+
+@pytest.mark.parametrize("value", [7.0, 6.5537, 1e30, -0.1, -7.0, float("nan"), float("inf"), float("-inf")])
+def test_depth_that_no_picture_can_hold_was_not_measured(demo_set, tmp_path, value):
+    """In a set, in `quantized`, and in a folder of a scene alike."""
+
+    def change(depth):
+        depth[:5] = value
+        depth[5] = 6.5535
+
+    changed = with_depth(demo_set[1][0], change)
+    save([changed], tmp_path / "set")
+    observation = changed.steps[0].observation
+    observation.save(tmp_path / "scene")
+    found = [
+        load(tmp_path / "set")[0].steps[0].observation, demonstrations.quantized(observation),
+        Observation.load(tmp_path / "scene"),
+    ]  # fmt: skip
+    for one in found:
+        depth = one.views[0].depth
+        assert (depth[:5] == 0).all() and depth[5] == pytest.approx(6.5535)
+        assert abs(depth[6:] - observation.views[0].depth[6:]).max() < 0.51 * demonstrations.DEPTH_UNIT
+        assert np.array_equal(depth, found[0].views[0].depth)
+
+
+def test_depth_in_millimetres_is_refused_everywhere(demo_set, tmp_path):
+    def change(depth):
+        depth *= 1000
+
+    changed = with_depth(demo_set[1][0], change)
+    for refused in (
+        lambda: save([changed], tmp_path / "set"),
+        lambda: demonstrations.quantized(changed.steps[0].observation),
+        lambda: changed.steps[0].observation.save(tmp_path / "scene"),
+    ):
+        with pytest.raises(ValueError, match=r"sees nothing nearer than \d+\.\d\d m, but 16 bits reach 6\.55 m"):
+            refused()
+    assert not list(tmp_path.rglob("*.npz")) and not (tmp_path / "scene").exists()
+
+
+def test_depth_in_range_is_kept_as_it_always_was(demo_set):
+    """The bytes decide the names of files, and what checkpoints say of their data."""
+    with np.load(episode_file(demo_set[0], 0)) as arrays:
+        for number, view in enumerate(demo_set[1][0].steps[0].observation.views):
+            depth = np.round(view.depth / 1e-4).astype(np.uint16)
+            colors = {"depth": depth, "rgb": view.rgb[..., ::-1]}
+            for name, picture in colors.items():
+                png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].reshape(-1)
+                assert np.array_equal(arrays[f"{name}-0-{number}"], png)
+
+
+# Hostile files
+
+
+def png_that_claims(width, height):
+    """A small file whose header says ``width`` x ``height``, gray, 16 bits."""
+
+    def chunk(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    )
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_unpacked(copied, monkeypatch):
+    with zipfile.ZipFile(copied / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("meta.npy", bytes(2**24))
+    reseal(copied, 0, (copied / "bomb.npz").read_bytes())
+    monkeypatch.setattr(demonstrations, "LARGEST_EPISODE", 2**20)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"episode-0000-\w+\.npz .*unpacks to 16777216 bytes, and at most 1048576 are"):
+        load(copied)[0]
+    assert tracemalloc.get_traced_memory()[1] < 2**22
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("size", [(60000, 60000), (30000, 30000), (0, 5)])
+def test_a_picture_that_claims_to_be_huge_is_refused(copied, size):
+    with np.load(episode_file(copied, 0)) as arrays:
+        parts = dict(arrays)
+    parts["depth-0-0"] = np.frombuffer(png_that_claims(*size), np.uint8)
+    np.savez(copied / "other.npz", **parts)
+    reseal(copied, 0, (copied / "other.npz").read_bytes())
+    with pytest.raises(
+        ValueError, match=r"depth-0-0 (must have at most 67108864 pixels, got \d+ x|is cut off or no PNG)"
+    ):
+        load(copied)[0]
+
+
+@pytest.mark.parametrize("where", ["reward", "size", "seed"])
+def test_a_huge_number_in_an_episode_is_refused(copied, where):
+    def change(meta):
+        place = {"reward": meta["steps"][0], "size": meta["steps"][0]["cameras"][0], "seed": meta}[where]
+        place[where] = [10**400, 10**400] if where == "size" else 10**400
+
+    with_changed_description(copied, 0, change)
+    with pytest.raises(ValueError, match="is no finite number"):
+        load(copied)[0]

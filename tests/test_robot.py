@@ -12,6 +12,7 @@ from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
 from gem_lite.policies import checkpoints, robot
 from gem_lite.policies.base import Choice
+from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
@@ -100,6 +101,101 @@ def test_cliports_dictionaries_say_the_same():
     assert position[:2] == (action.place.x, action.place.y)
     assert Rotation.from_quat(first).as_euler("xyz")[2] == 0
     assert Rotation.from_quat(second).as_euler("xyz")[2] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        np.diag([2.0, 1, 1, 1]),
+        np.diag([1.0, 1, -1, 1]),
+        np.diag([-1.0, -1, -1, 1]),
+        np.full((4, 4), np.nan),
+        np.where(np.eye(4, dtype=bool), 1.0, np.nan),
+        np.array([[1, 0, 0, np.inf], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+        np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [5, 5, 5, 9]]),
+        np.eye(3),
+        [[1, 0], [0]],
+        "no pose",
+        [[10**400] * 4] * 4,
+    ],
+    ids=["scale", "mirror", "point", "nan", "nan beside", "inf", "last row", "size", "ragged", "text", "huge"],
+)
+def test_what_is_no_pose_of_the_base_is_refused(wrong):
+    choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
+    with pytest.raises(
+        ValueError, match=r"base_from_table must be a \(4, 4\) pose: a rotation \(no reflection\)"
+    ) as caught:
+        robot.plan(choice, wrong)
+    assert "\n" not in str(caught.value)
+    rows = wrong if isinstance(wrong, list | str) else wrong.tolist()
+    with pytest.raises(ValueError, match="pose of camera 'front' must be a"):
+        Camera("front", ((450, 0, 4), (0, 450, 4), (0, 0, 1)), rows, (8, 8))
+
+
+@pytest.mark.parametrize("wrong", [np.diag([1.0, 1, -1]), np.zeros((3, 3)), np.full((3, 3), np.nan), np.eye(4)])
+def test_what_is_no_rotation_of_the_tool_is_refused(wrong):
+    choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
+    with pytest.raises(ValueError, match=r"tool must be a \(3, 3\) rotation, and no reflection"):
+        robot.plan(choice, tool=wrong)
+
+
+@pytest.mark.parametrize(
+    "intrinsics",
+    [((0, 0, 4), (0, 450, 4), (0, 0, 1)), ((450, 0, 4), (0, -450, 4), (0, 0, 1)), ((450, 0, 4), (0, 450, 4), (0, 0, 2)),
+     ((450, 0, float("nan")), (0, 450, 4), (0, 0, 1)), ((450, 0), (0, 450))],
+)  # fmt: skip
+def test_intrinsics_of_no_camera_are_refused(intrinsics):
+    with pytest.raises(ValueError, match="intrinsics of camera 'front' must be"):
+        Camera("front", intrinsics, tuple(map(tuple, np.eye(4).tolist())), (8, 8))
+
+
+CLIPORTS_CAMERA = {"intrinsics": (450.0, 0, 4, 0, 450.0, 4, 0, 0, 1), "position": (0, 0, 1), "rotation": (1.0, 0, 0, 0)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rotation": (0, 0, 0, 0)}, r"rotation of camera 1 must be a quaternion of length 1, got \[0\.0"),
+        ({"rotation": (3.14, 0, 0, 0)}, "rotation of camera 1 must be a quaternion of length 1"),
+        ({"rotation": (3.14, 0, 0)}, "rotation of camera 1 must be 4 finite numbers"),
+        ({"rotation": (float("nan"), 0, 0, 1)}, "rotation of camera 1 must be 4 finite numbers"),
+        ({"position": (0, 0)}, "position of camera 1 must be 3 finite numbers"),
+        ({"position": None}, "position of camera 1 must be 3 finite numbers, got None"),
+        ({"position": (0, 0, 10**400)}, "position of camera 1 must be 3 finite numbers"),
+        ({"intrinsics": (450.0,)}, "intrinsics of camera 1 must be 9 finite numbers"),
+    ],
+)
+def test_a_wrong_camera_of_cliport_is_refused(changes, message):
+    pictures = {"color": [np.zeros((8, 8, 3), np.uint8)] * 2, "depth": [np.ones((8, 8), np.float32)] * 2}
+    assert len(robot.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA]).views) == 2
+    with pytest.raises(ValueError, match=message):
+        robot.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA | changes])
+    with pytest.raises(ValueError, match="position of camera 0 must be 3 finite numbers"):
+        robot.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
+
+
+def where_cliports_blade_stops(pair):
+    """CLIPort's primitive for pushes: 2 cm before the first pose to 5 cm before the second one."""
+    start, end = (np.array(pair[name][0][:2]) for name in ("pose0", "pose1"))
+    along = (end - start) / np.linalg.norm(end - start)
+    return start - 0.02 * along, end - 0.05 * along
+
+
+def test_a_push_ends_in_cliport_where_it_should():
+    heightmap = choice_of(logits_with({}), None, (0, 80, 40)).heightmap
+    push = Push(at(80, 40), at(20, 70))
+    pair = robot.to_cliport(push, heightmap)
+    start, end = where_cliports_blade_stops(pair)
+    assert end == pytest.approx([push.end.x, push.end.y])
+    assert np.hypot(*(start - [push.start.x, push.start.y])) == pytest.approx(0.02)
+    assert pair["pose0"][0][2] == pytest.approx(heightmap.height[80, 40])
+    assert pair["pose0"][1] == pair["pose1"][1] == (0, 0, 0, 1)
+    edge = Push(at(80, 40), at(80, 79))
+    assert robot.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, "it may lie beyond the map"
+    with pytest.raises(ValueError, match="a push must end elsewhere than it starts"):
+        robot.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
+    with pytest.raises(ValueError, match="lies outside the workspace"):
+        robot.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
 
 
 def test_the_example_drives_a_robot_without_a_simulator():

@@ -8,6 +8,7 @@ from tqdm import tqdm
 
 from gem_lite import demonstrations, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
+from gem_lite.files import writing
 from gem_lite.simulation import worlds
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.task import SOLVED
@@ -59,6 +60,7 @@ def collect(
         ValueError: the task, the split or the world is unknown, ``episodes`` is below 1, or ``folder`` holds another
             set.
         RuntimeError: the expert failed in at least 20 episodes and in more than half of all.
+        OSError: a file cannot be written, or another process writes into ``folder``.
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
@@ -66,22 +68,23 @@ def collect(
     tasks.make(task_name, split)
     folder = Path(folder)
     facts = {"task": task_name, "split": split, "world": world, "start": start}
-    files: dict[str, str] = {}
-    index = start
-    if (folder / "manifest.json").exists():
-        files, index = _existing_episodes(folder, facts)
     label = f"{task_name} ({split})"
-    with World(style=style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
-        while len(files) < episodes:
-            demonstration = roll_out(table, task_name, split, index)
-            index += 1
-            if sum(step.reward for step in demonstration.steps) > SOLVED:
-                files |= demonstrations.write_episode(folder, len(files), demonstration)
-                demonstrations.write_manifest(folder, {**facts, "next": index}, files)
-                bar.update()
-            else:
-                bar.write(f"episode {index - 1}: the expert failed, skipped")
-                _check_failures(index - start, len(files), task_name)
+    with writing(folder):
+        files: dict[str, str] = {}
+        index = start
+        if (folder / "manifest.json").exists():
+            files, index = _existing_episodes(folder, facts)
+        with World(style=style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
+            while len(files) < episodes:
+                demonstration = roll_out(table, task_name, split, index)
+                index += 1
+                if sum(step.reward for step in demonstration.steps) > SOLVED:
+                    files |= demonstrations.write_episode(folder, len(files), demonstration)
+                    demonstrations.write_manifest(folder, {**facts, "next": index}, files)
+                    bar.update()
+                else:
+                    bar.write(f"episode {index - 1}: the expert failed, skipped")
+                    _check_failures(index - start, len(files), task_name)
     return demonstrations.load(folder)[:episodes]
 
 

@@ -6,6 +6,8 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from accelerate import PartialState
+
 from gem_lite import demonstrations, language
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
@@ -18,6 +20,8 @@ SPLIT = "train"
 def packed(folders: Sequence[Path], into: Path, settings: Config) -> list[Path]:
     """The folders, with those of recorded episodes replaced by sets in ``into`` that hold the same episodes.
 
+    Of several processes, the first writes these sets, and the others must come after it.
+
     Raises: see `recorded.read`.
     """
     parser = language.PARSERS.find(settings.parser)
@@ -27,7 +31,8 @@ def packed(folders: Sequence[Path], into: Path, settings: Config) -> list[Path]:
             ready.append(folder)
             continue
         place = into / str(number) / folder.resolve().name
-        recorded.pack(folder, place, settings.workspace, parser)
+        if PartialState().is_main_process:  # Only one process may write into a folder.
+            recorded.pack(folder, place, settings.workspace, parser)
         ready.append(place)
     return ready
 

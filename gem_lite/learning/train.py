@@ -253,13 +253,15 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU; ``checkpoint`` is a folder; ``seed`` is negative; ``episodes`` is below 1 or above
-            the number of demonstrations; demonstrations are not of the split "train"; several folders without the
-            ending "multi", or the reverse, with unequal numbers of demonstrations or different tables.
+        ValueError: there is no GPU; ``checkpoint`` is a folder or does not end in ".safetensors"; ``seed`` is negative;
+            ``episodes`` is below 1 or above the number of demonstrations; demonstrations are not of the split "train";
+            several folders without the ending "multi", or the reverse, with unequal numbers of demonstrations or
+            different tables.
         FloatingPointError, OSError: see `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
+    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
     if checkpoint.is_dir():
         raise ValueError(f"checkpoint must be a file to write, got the folder {checkpoint}")
     if seed < 0:

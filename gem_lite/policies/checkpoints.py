@@ -19,13 +19,33 @@ from gem_lite.maps.crop_memory import CropMemory
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 
+SUFFIX = ".safetensors"
+
+
+def card_path(path: Path | str) -> Path:
+    """Where the card of a checkpoint is: beside it, with the same name up to the ending.
+
+    Raises:
+        ValueError: ``path`` does not end in ".safetensors". With other endings, two checkpoints could share a card.
+    """
+    path = Path(path)
+    if path.suffix != SUFFIX:
+        raise ValueError(f"the name of a checkpoint must end in {SUFFIX}, got {str(path)!r}")
+    return path.with_suffix(".json")
+
 
 def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
     """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
 
     Args:
         facts: further entries of the JSON: task, seed, demonstrations, data hash, seconds.
+
+    Raises:
+        ValueError: ``path`` does not end in ".safetensors".
+        OSError: a file cannot be written. The old files stay.
     """
+    path = Path(path)
+    card_file = card_path(path)
     tensors = {name: value.detach().cpu().contiguous() for name, value in policy.named_parameters()}
     entries: list[dict] = []
     if policy.memory is not None:
@@ -42,15 +62,20 @@ def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
         "date": datetime.now(UTC).date().isoformat(),
         **facts,
     }
-    write_together({path: content, path.with_suffix(".json"): json.dumps(card, indent=1).encode()})
+    write_together({path: content, card_file: json.dumps(card, indent=1).encode()})
 
 
 def read_card(path: Path) -> dict:
-    """A checkpoint's JSON. Raises FileNotFoundError if it or the checkpoint is missing, ValueError if it is damaged."""
-    for file in (path, path.with_suffix(".json")):
+    """A checkpoint's JSON.
+
+    Raises:
+        FileNotFoundError: it or the checkpoint is missing.
+        ValueError: it is damaged, or ``path`` does not end in ".safetensors".
+    """
+    card_file = card_path(path)
+    for file in (Path(path), card_file):
         if not file.exists():
             raise FileNotFoundError(f"the checkpoint {path} is not complete: {file} is missing")
-    card_file = path.with_suffix(".json")
     card = read_json(card_file.read_bytes(), card_file)
     types = {"method": str, "sha256": str, "config": dict, "clip": dict, "memory": list}
     wrong = [key for key, kind in types.items() if not isinstance(card.get(key), kind)]
@@ -70,7 +95,8 @@ def load_policy(
 
     Raises:
         FileNotFoundError: no such checkpoint.
-        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP.
+        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP;
+            or ``path`` does not end in ".safetensors".
     """
     path = Path(path)
     card = read_card(path)

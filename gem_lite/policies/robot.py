@@ -1,6 +1,13 @@
 """What a robot's own program needs beside an action: poses in three dimensions, how sure the policy is, the runner-up.
 
-Also the bridge for environments that speak CLIPort's dictionaries: `from_cliport` and `to_cliport`.
+Also the bridge for environments that speak CLIPort's dictionaries, `from_cliport` and `to_cliport`::
+
+    choice = policy.decide(from_cliport(observation, cameras), sentence, empty_picks)
+    action = to_cliport(choice.action, choice.heightmap)
+
+Three things differ there. CLIPort's poses have a height, so `to_cliport` needs the height map, and only `decide` gives
+it. CLIPort's blade stops 5 cm before the second pose of a push, so `to_cliport` moves that pose on by 5 cm. And CLIPort
+does not return its log of grasps: the caller has to keep the ``empty_picks`` of `PickPlacePolicy.act`.
 """
 
 from __future__ import annotations
@@ -13,8 +20,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gem_lite.actions import PickPlace
+from gem_lite.actions import Action, PickPlace
+from gem_lite.files import as_number
 from gem_lite.policies.base import Choice
+from gem_lite.rgbd.camera import as_pose, checked_pose, checked_rotation
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins, quaternion
@@ -25,6 +34,8 @@ SAME_PICK = 0.02
 """Picks at most this far (m) apart take the same thing."""
 OTHER_PICK = 0.05
 """The runner-up is at least this far (m) from the pick."""
+CLIPORT_STOPS_BEFORE = 0.05
+"""CLIPort's blade stops this far (m) before the second pose of a push."""
 LARGEST_LEAD = 700.0
 """A larger difference of logits is cut, since its exponential is no number."""
 
@@ -58,13 +69,11 @@ def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.nda
         tool: (3, 3), the tool's rotation on the table at yaw 0.
 
     Raises:
-        ValueError: the choice is a push; ``base_from_table`` is no (4, 4) pose.
+        ValueError: the choice is a push; ``base_from_table`` is no pose, or ``tool`` no rotation; a reflection is none.
     """
     if not isinstance(choice.action, PickPlace):
         raise ValueError(f"the choice must be a pick and place, got {choice.action}")
-    base = np.eye(4) if base_from_table is None else np.asarray(base_from_table, float)
-    if base.shape != (4, 4) or not np.allclose(base[:3, :3] @ base[:3, :3].T, np.eye(3), atol=1e-3):
-        raise ValueError(f"base_from_table must be a (4, 4) pose, got {base.tolist()}")
+    base = np.eye(4) if base_from_table is None else checked_pose(base_from_table, "base_from_table")
     workspace = choice.heightmap.workspace
     rows, cols = np.indices(workspace.shape)
     x, y = workspace.to_world(rows, cols)
@@ -83,10 +92,14 @@ def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.nda
 
 
 def pose_at(pose: Pose2, heightmap: HeightMap, tool: np.ndarray = TOOL_DOWN) -> np.ndarray:
-    """(4, 4): a tool's pose in the table's frame, at the height (m) of the map below it."""
+    """(4, 4): a tool's pose in the table's frame, at the height (m) of the map below it.
+
+    Raises:
+        ValueError: ``pose`` lies outside the map, or ``tool`` is no rotation.
+    """
     row, col = heightmap.workspace.nearest_cell(pose.x, pose.y)
     matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("z", pose.yaw).as_matrix() @ tool
+    matrix[:3, :3] = Rotation.from_euler("z", pose.yaw).as_matrix() @ checked_rotation(tool, "tool")
     matrix[:3, 3] = pose.x, pose.y, heightmap.height[row, col]
     return matrix
 
@@ -97,34 +110,62 @@ def from_cliport(observation: Mapping[str, Sequence[np.ndarray]], cameras: Seque
     Args:
         observation: "color", (H, W, 3) uint8 for each camera, and "depth", (H, W) metres along the camera's axis.
         cameras: CLIPort's configurations, with "intrinsics" (9 numbers), "position" (m) and "rotation", the quaternion
-            (x, y, z, w) from the camera's axes to the world.
+            (x, y, z, w) of length 1 from the camera's axes to the world.
 
     Raises:
-        ValueError: see `Observation.from_arrays`.
+        ValueError: a configuration lacks an entry or has a wrong one; or see `Observation.from_arrays`.
     """
+    intrinsics = []
     poses = []
-    for camera in cameras:
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_quat(camera["rotation"]).as_matrix()
-        pose[:3, 3] = camera["position"]
-        poses.append(pose)
-    intrinsics = [np.reshape(camera["intrinsics"], (3, 3)) for camera in cameras]
+    for number, camera in enumerate(cameras):
+        matrix, position, rotation = (
+            _numbers(camera, key, count, number) for key, count in (("intrinsics", 9), ("position", 3), ("rotation", 4))
+        )
+        if abs(np.linalg.norm(rotation) - 1) > 1e-3:
+            raise ValueError(f"rotation of camera {number} must be a quaternion of length 1, got {rotation.tolist()}")
+        intrinsics.append(matrix.reshape(3, 3))
+        poses.append(as_pose(Rotation.from_quat(rotation).as_matrix(), position))
     colors = [np.asarray(color)[..., :3] for color in observation["color"]]
     return Observation.from_arrays(colors, observation["depth"], intrinsics, poses)
 
 
-def to_cliport(action: PickPlace, heightmap: HeightMap) -> dict[str, tuple]:
+def _numbers(camera: Mapping[str, Any], key: str, count: int, number: int) -> np.ndarray:
+    """An entry of a camera's configuration, as finite numbers."""
+    try:
+        values = np.asarray([as_number(value) for value in np.ravel(camera[key]).tolist()], float)
+    except (KeyError, ValueError):
+        values = np.empty(0)
+    if len(values) != count:
+        raise ValueError(f"{key} of camera {number} must be {count} finite numbers, got {camera.get(key)!r:.200}")
+    return values
+
+
+def to_cliport(action: Action, heightmap: HeightMap) -> dict[str, tuple]:
     """An action as CLIPort's pair of poses: "pose0" and "pose1", each a position (m) and a quaternion (x, y, z, w).
 
-    CLIPort's tool picks at yaw 0, and the place's yaw is the turn of the thing. World coordinates are the same in both;
-    only the rows of CLIPort's own height maps grow the other way.
+    CLIPort's tool picks at yaw 0, and the place's yaw is the turn of the thing. A push ends where the action says: its
+    second pose lies `CLIPORT_STOPS_BEFORE` further, and CLIPort turns the blade itself. World coordinates are the same
+    in both; only the rows of CLIPort's own height maps grow the other way.
+
+    Args:
+        heightmap: of the observation, from `PickPlacePolicy.decide`; it gives the heights of the positions.
+
+    Raises:
+        ValueError: a pose lies outside the map, or a push ends where it starts.
     """
 
     def position(pose: Pose2) -> tuple[float, float, float]:
         row, col = heightmap.workspace.nearest_cell(pose.x, pose.y)
         return pose.x, pose.y, float(heightmap.height[row, col])
 
-    return {
-        "pose0": (position(action.pick), quaternion(0.0)),
-        "pose1": (position(action.place), quaternion(action.delta)),
-    }
+    if isinstance(action, PickPlace):
+        return {
+            "pose0": (position(action.pick), quaternion(0.0)),
+            "pose1": (position(action.place), quaternion(action.delta)),
+        }
+    start, end = np.array(position(action.start)), np.array(position(action.end))
+    path = (end - start) * (1, 1, 0)
+    if not path.any():
+        raise ValueError(f"a push must end elsewhere than it starts, got {action}")
+    beyond = end + CLIPORT_STOPS_BEFORE * path / np.linalg.norm(path)
+    return {"pose0": (tuple(start.tolist()), quaternion(0.0)), "pose1": (tuple(beyond.tolist()), quaternion(0.0))}

@@ -24,6 +24,9 @@ class Camera:
         pose: (4, 4), from the camera's axes to the reference frame, usually the world's (metres).
         size: (H, W) in pixels.
         near, far: the camera sees only what lies between these distances (metres along the axis).
+
+    Raises:
+        ValueError: ``intrinsics`` are not finite or have no positive focal lengths; ``pose`` is none (`checked_pose`).
     """
 
     name: str
@@ -32,6 +35,15 @@ class Camera:
     size: tuple[int, int] = (480, 640)
     near: float = 0.01
     far: float = 10.0
+
+    def __post_init__(self) -> None:
+        checked_pose(self.pose, f"pose of camera {self.name!r}")
+        matrix = _array(self.intrinsics, 3)
+        if matrix is None or min(matrix[0, 0], matrix[1, 1]) <= 0 or matrix[2].tolist() != [0, 0, 1]:
+            raise ValueError(
+                f"intrinsics of camera {self.name!r} must be (3, 3) finite numbers with positive focal lengths and the "
+                f"last row 0 0 1, got {_shown(self.intrinsics)}"
+            )
 
     @classmethod
     def pinhole(
@@ -74,6 +86,48 @@ def as_pose(rotation: np.ndarray, position: Sequence[float]) -> Matrix:
     """A (3, 3) rotation and a position (m) as the (4, 4) ``pose`` of a `Camera`."""
     rows = np.column_stack([rotation, position]).tolist()
     return (*(tuple(row) for row in rows), (0.0, 0.0, 0.0, 1.0))
+
+
+def checked_pose(value: object, name: str) -> np.ndarray:
+    """A pose as a (4, 4) array.
+
+    Raises:
+        ValueError: ``value`` is not (4, 4) finite numbers, its rotation is none (a reflection, which is left-handed,
+            is none), or its last row is not 0 0 0 1. The message begins with ``name``.
+    """
+    pose = _array(value, 4)
+    if pose is None or not _is_rotation(pose[:3, :3]) or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6):
+        raise ValueError(
+            f"{name} must be a (4, 4) pose: a rotation (no reflection), a position and the last row 0 0 0 1, got "
+            f"{_shown(value)}"
+        )
+    return pose
+
+
+def checked_rotation(value: object, name: str) -> np.ndarray:
+    """A rotation as a (3, 3) array. Raises ValueError for anything else, such as a reflection."""
+    rotation = _array(value, 3)
+    if rotation is None or not _is_rotation(rotation):
+        raise ValueError(f"{name} must be a (3, 3) rotation, and no reflection, got {_shown(value)}")
+    return rotation
+
+
+def _array(value: object, size: int) -> np.ndarray | None:
+    """A square matrix of finite numbers; None for anything else."""
+    try:
+        matrix = np.asarray(value, float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return matrix if matrix.shape == (size, size) and np.isfinite(matrix).all() else None
+
+
+def _is_rotation(matrix: np.ndarray) -> bool:
+    return np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) and np.linalg.det(matrix) > 0
+
+
+def _shown(value: object) -> str:
+    """A matrix in one line."""
+    return f"{value.tolist() if isinstance(value, np.ndarray) else value!r:.200}"
 
 
 @dataclass(frozen=True)

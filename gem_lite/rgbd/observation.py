@@ -8,7 +8,7 @@ A folder holds ``cameras.json``, and for each camera a colour picture and a dept
                   "pose": [[...], [...], [...], [0, 0, 0, 1]]}]}
 
 Colour is 8-bit RGB. Depth is 16-bit, in steps of ``depth_scale`` metres along the camera's axis; 0 means that nothing
-was measured. ``intrinsics`` and ``pose`` are those of `Camera`.
+was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``pose`` are those of `Camera`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from gem_lite.files import as_number, as_text, read_json, write_together
+from gem_lite.files import as_number, as_text, read_json, unchanged, write_together, writing
+from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, Matrix, View
 
 CAMERAS_FILE = "cameras.json"
 VERSION = 1
 DEPTH_SCALE = 1e-4
 """Metres of one step of a depth picture that `Observation.save` writes. 16 bits reach 6.5535 m."""
+DEEPEST = 65535
+"""The largest number in a depth picture."""
 LARGEST_SCALE = 0.01
 """A depth picture whose steps are larger (m) is refused: its scale was probably given in millimetres."""
 
@@ -51,7 +53,7 @@ class RawView:
     pose: Matrix
 
     def view(self) -> View:
-        """The view. Raises ValueError if colour and depth have different sizes."""
+        """The view. Raises ValueError if colour and depth have different sizes, or the pose is a reflection."""
         size = (self.rgb.shape[0], self.rgb.shape[1])
         if self.depth.shape != size:
             raise ValueError(
@@ -76,7 +78,7 @@ class Observation:
 
         Args:
             colors: (H, W, 3) uint8 RGB.
-            depths: (H, W) metres along the camera's axis; 0 or nan where nothing was measured.
+            depths: (H, W) metres along the camera's axis. What is not finite or not above 0 was not measured.
             intrinsics: (3, 3) in pixels, see `Camera`.
             poses: (4, 4) from the camera's axes (x right, y down, z forward) to the table's frame (metres).
             names: of the cameras; by default "camera 0" and so on.
@@ -95,7 +97,8 @@ class Observation:
                     f"depth of {name!r} must be metres as floating point numbers, got {np.asarray(depth).dtype}; "
                     "multiply whole numbers by their scale, such as 0.001"
                 )
-            measured = np.nan_to_num(np.asarray(depth, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+            metres = np.asarray(depth, np.float32)
+            measured = np.where(np.isfinite(metres) & (metres > 0), metres, 0)
             raw = RawView(
                 name, np.asarray(rgb), measured, _matrix(np.asarray(matrix).tolist(), 3, f"intrinsics of {name!r}"),
                 _pose(np.asarray(pose).tolist(), f"pose of {name!r}"),
@@ -114,13 +117,24 @@ class Observation:
         return cls(tuple(raw.view() for raw in read_raw(folder)))
 
     def save(self, folder: Path | str, depth_scale: float = DEPTH_SCALE) -> None:
-        """Write the observation into a folder, for `load`. Depth is rounded to ``depth_scale`` metres.
+        """Write the observation into a folder, for `load`. Depth is rounded to ``depth_scale`` metres (`depth_steps`).
 
         Raises:
-            ValueError: two views have the same name; a name holds a slash; depth does not fit into 16 bits.
-            OSError: a file cannot be written. The old files stay.
+            ValueError: two views have the same name; a name holds a slash; ``depth_scale`` is not above 0 and at most
+                `LARGEST_SCALE`; no depth of a view fits into 16 bits.
+            OSError: a file cannot be written, or another process writes into the folder. The old files stay.
+        """
+        contents = self.contents(folder, depth_scale)
+        with writing(Path(folder)):
+            write_together(contents)
+
+    def contents(self, folder: Path | str, depth_scale: float = DEPTH_SCALE) -> dict[Path, bytes]:
+        """The files that `save` writes, and what they hold; cameras.json, which names the others, is the last.
+
+        Raises: as `save`.
         """
         folder = Path(folder)
+        _check_scale(depth_scale, "")
         names = [view.camera.name for view in self.views]
         if len(set(names)) < len(names) or any("/" in name or not name for name in names):
             raise ValueError(f"views must have different names without a slash, got {names}")
@@ -128,21 +142,34 @@ class Observation:
         entries = []
         for view in self.views:
             name = view.camera.name
-            steps = np.round(view.depth / depth_scale)
-            if steps.max() > 65535:
-                raise ValueError(
-                    f"camera {name!r} sees up to {view.depth.max():.2f} m, but 16 bits reach {65535 * depth_scale:.2f} "
-                    f"m in steps of {depth_scale} m: give a larger depth_scale"
-                )
             files = {"color": f"{name}.color.png", "depth": f"{name}.depth.png"}
-            contents[folder / files["color"]] = _png(view.rgb[..., ::-1])
-            contents[folder / files["depth"]] = _png(steps.astype(np.uint16))
+            contents[folder / files["color"]] = png.encode(view.rgb)
+            contents[folder / files["depth"]] = png.encode(depth_steps(view, depth_scale))
             entries.append({
                 "name": name, **files, "depth_scale": depth_scale, "intrinsics": view.camera.intrinsics,
                 "pose": view.camera.pose,
             })  # fmt: skip
-        text = json.dumps({"version": VERSION, "cameras": entries}, indent=1)
-        write_together(contents | {folder / CAMERAS_FILE: text.encode()})
+        contents[folder / CAMERAS_FILE] = json.dumps({"version": VERSION, "cameras": entries}, indent=1).encode()
+        return contents
+
+
+def depth_steps(view: View, scale: float) -> np.ndarray:
+    """A view's depth in steps of ``scale`` metres, as depth pictures keep it: (H, W) uint16.
+
+    Depth that is not finite, negative, or beyond the last step was not measured: it becomes 0.
+
+    Raises:
+        ValueError: something was measured, and all of it is beyond the last step.
+    """
+    steps = np.round(view.depth / scale)
+    fits = (steps >= 0) & (steps <= DEEPEST)
+    beyond = np.isfinite(view.depth) & (steps > DEEPEST)
+    if beyond.any() and not steps[fits].any():
+        raise ValueError(
+            f"camera {view.camera.name!r} sees nothing nearer than {view.depth[beyond].min():.2f} m, but 16 bits reach "
+            f"{DEEPEST * scale:.2f} m in steps of {scale} m: give metres, or a larger depth_scale"
+        )
+    return np.where(fits, steps, 0).astype(np.uint16)
 
 
 def read_raw(folder: Path | str) -> list[RawView]:
@@ -156,13 +183,14 @@ def read_raw(folder: Path | str) -> list[RawView]:
         raise FileNotFoundError(f"{folder} is no folder")
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no scene: there is no {CAMERAS_FILE} in it")
-    content = read_json(path.read_bytes(), path)
-    if content.get("version") != VERSION:
-        raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
-    entries = content.get("cameras")
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise ValueError(f"{path} must have a list of cameras with at least one entry")
-    return [_raw_view(folder, entry, f"{path}, camera {number}") for number, entry in enumerate(entries)]
+    with unchanged(path):
+        content = read_json(path.read_bytes(), path)
+        if content.get("version") != VERSION:
+            raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
+        entries = content.get("cameras")
+        if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
+            raise ValueError(f"{path} must have a list of cameras with at least one entry")
+        return [_raw_view(folder, entry, f"{path}, camera {number}") for number, entry in enumerate(entries)]
 
 
 def _raw_view(folder: Path, entry: dict[str, Any], where: str) -> RawView:
@@ -174,38 +202,31 @@ def _raw_view(folder: Path, entry: dict[str, Any], where: str) -> RawView:
         scale = as_number(entry["depth_scale"])
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
-    if not 0 < scale <= LARGEST_SCALE:
-        raise ValueError(
-            f"{where}: depth_scale must be the metres of one step, above 0 and at most {LARGEST_SCALE}, got {scale}"
-        )
-    steps = _read_png(folder / color, "color", 3, np.uint8), _read_png(folder / depth, "depth", 1, np.uint16)
+    _check_scale(scale, f"{where}: ")
     return RawView(
         name,
-        steps[0][..., ::-1].copy(),
-        steps[1].astype(np.float32) * np.float32(scale),
+        _read_png(folder, color, f"{where}: color", 3, np.uint8),
+        _read_png(folder, depth, f"{where}: depth", 1, np.uint16).astype(np.float32) * np.float32(scale),
         _matrix(entry["intrinsics"], 3, f"{where}: intrinsics"),
         _pose(entry["pose"], f"{where}: pose"),
     )
 
 
-def _read_png(path: Path, kind: str, channels: int, dtype: type) -> np.ndarray:
-    """A picture of a folder, with its channels in OpenCV's order."""
+def _check_scale(scale: float, where: str) -> None:
+    if not 0 < scale <= LARGEST_SCALE:
+        raise ValueError(
+            f"{where}depth_scale must be the metres of one step, above 0 and at most {LARGEST_SCALE}, got {scale}"
+        )
+
+
+def _read_png(folder: Path, name: str, where: str, channels: int, dtype: type) -> np.ndarray:
+    """A picture of a folder."""
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ValueError(f"{where} must be a picture in the folder, got {name!r}")
+    path = folder / name
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is missing, though {CAMERAS_FILE} names it as {kind}")
-    content = path.read_bytes()
-    # OpenCV fills a cut picture with zeros, but the last chunk of a whole PNG is IEND.
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if b"IEND" in content[-12:] else None
-    if image is None:
-        raise ValueError(f"{path} is cut off or no PNG")
-    found = 1 if image.ndim == 2 else image.shape[2]
-    if found != channels or image.dtype != dtype:
-        wanted = f"{8 * np.dtype(dtype).itemsize}-bit with {channels} channel{'s' if channels > 1 else ''}"
-        raise ValueError(f"{path} must be {wanted}, got {8 * image.dtype.itemsize}-bit with {found}")
-    return image
-
-
-def _png(image: np.ndarray) -> bytes:
-    return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+        raise FileNotFoundError(f"{path} is missing, though {CAMERAS_FILE} names it as {where.rpartition(' ')[2]}")
+    return png.decode(path.read_bytes(), channels, dtype, path)
 
 
 def _matrix(value: object, size: int, name: str) -> Matrix:

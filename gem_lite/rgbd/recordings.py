@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gem_lite.actions import ExpertAction, GripperState, PickPlace
-from gem_lite.files import as_number, as_text, read_json, write_atomically
+from gem_lite.files import as_number, as_text, read_json, unchanged, write_together, writing
 from gem_lite.rgbd.observation import DEPTH_SCALE, Observation
 from gem_lite.se2 import Pose2
 
@@ -34,7 +35,7 @@ class Recording:
     """One step: the pictures before the action, the sentence, and the demonstrated pick and place.
 
     Raises:
-        ValueError: the sentence is empty; the action is no pick and place.
+        ValueError: the sentence is empty; the action is no pick and place, or a number of it is not finite.
     """
 
     observation: Observation
@@ -46,6 +47,10 @@ class Recording:
             raise ValueError("sentence is empty: say what to pick and where to place it")
         if not isinstance(self.expert.action, PickPlace):
             raise ValueError(f"the action must be a pick and place, got {self.expert.action}")
+        for name in ("pick", "place"):
+            pose = getattr(self.expert.action, name)
+            if not all(math.isfinite(number) for number in dataclasses.astuple(pose)):
+                raise ValueError(f"{name} must have finite numbers, got {pose}")
 
     @property
     def trace(self) -> tuple[GripperState, ...]:
@@ -71,39 +76,42 @@ class Recording:
         path = Path(folder) / ACTION_FILE
         if not path.exists():
             raise FileNotFoundError(f"{folder} holds no recorded step: there is no {ACTION_FILE} in it")
-        content = read_json(path.read_bytes(), path)
-        if content.get("version") != VERSION:
-            raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
-        missing = [key for key in ("sentence", "pick", "place") if key not in content]
-        if missing:
-            raise ValueError(f"{path} lacks {', '.join(missing)}")
-        try:
-            sentence = as_text(content["sentence"])
-            action = PickPlace(_pose(content, "pick"), _pose(content, "place"))
-            symmetries = [as_number(content.get(name, 0)) for name in ("pick_symmetry", "place_symmetry")]
-            return cls(Observation.load(folder), sentence, ExpertAction(action, *symmetries))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        with unchanged(path):
+            content = read_json(path.read_bytes(), path)
+            if content.get("version") != VERSION:
+                raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
+            missing = [key for key in ("sentence", "pick", "place") if key not in content]
+            if missing:
+                raise ValueError(f"{path} lacks {', '.join(missing)}")
+            try:
+                sentence = as_text(content["sentence"])
+                action = PickPlace(_pose(content, "pick"), _pose(content, "place"))
+                symmetries = [as_number(content.get(name, 0)) for name in ("pick_symmetry", "place_symmetry")]
+                return cls(Observation.load(folder), sentence, ExpertAction(action, *symmetries))
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from error
 
     def save(self, folder: Path | str, depth_scale: float = DEPTH_SCALE) -> None:
-        """Write the recording into a folder, for `load`. The action is written last.
+        """Write the recording into a folder, for `load`: pictures and action together, or neither.
 
         Args:
             depth_scale: metres of one step of the depth pictures.
 
         Raises:
             ValueError: see `Observation.save`.
-            OSError: a file cannot be written.
+            OSError: a file cannot be written, or another process writes into the folder. The old files stay.
         """
         action = self.expert.action
         assert isinstance(action, PickPlace)
-        self.observation.save(folder, depth_scale)
+        contents = self.observation.contents(folder, depth_scale)
         content = {
             "version": VERSION, "sentence": self.sentence, "pick": dataclasses.asdict(action.pick),
             "place": dataclasses.asdict(action.place), "pick_symmetry": self.expert.pick_symmetry,
             "place_symmetry": self.expert.place_symmetry,
         }  # fmt: skip
-        write_atomically(Path(folder) / ACTION_FILE, json.dumps(content, indent=1).encode())
+        contents[Path(folder) / ACTION_FILE] = json.dumps(content, indent=1).encode()
+        with writing(Path(folder)):
+            write_together(contents)
 
 
 def _pose(content: Mapping[str, Any], name: str) -> Pose2:

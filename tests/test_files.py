@@ -1,0 +1,262 @@
+"""Files that are whole or not there, in one piece or in a group, and numbers that are none."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gem_lite.actions import ExpertAction, PickPlace
+from gem_lite.files import as_number, read_json, write_atomically, write_together, writing
+from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.recordings import Recording
+from gem_lite.se2 import Pose2
+
+WRITER = """
+import sys
+from pathlib import Path
+from gem_lite.files import write_atomically
+path, letter = Path(sys.argv[1]), sys.argv[2].encode()
+for number in range(60):
+    write_atomically(path, letter * (1000 + 500 * number))
+"""
+
+
+def start(program, *arguments):
+    words = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def end(process):
+    output, errors = process.communicate(timeout=600)
+    assert process.returncode == 0, errors
+    return output
+
+
+def test_two_writers_of_one_file_leave_it_whole_at_every_moment(tmp_path):
+    path = tmp_path / "file.bin"
+    path.write_bytes(b"a" * 1000)
+    writers = [start(WRITER, path, letter) for letter in "ab"]
+    while any(writer.poll() is None for writer in writers):
+        content = path.read_bytes()
+        assert len(set(content)) == 1 and len(content) % 500 == 0, "a mixture, or a part"
+    for writer in writers:
+        end(writer)
+    assert [file.name for file in tmp_path.iterdir()] == ["file.bin"]
+
+
+def test_content_reaches_the_disk_before_its_name(tmp_path, monkeypatch):
+    order, sync, rename = [], os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (order.append("sync"), sync(descriptor)))
+    monkeypatch.setattr(os, "replace", lambda old, new: (order.append(Path(new).name), rename(old, new)))
+    write_together({tmp_path / "a": b"1", tmp_path / "b": b"2"})
+    assert order == ["sync", "sync", "a", "b", "sync"], "both contents, both names, then the folder"
+
+
+def fail_at_rename(monkeypatch, number):
+    """The rename ``number``, counted from 0, fails; those after it work."""
+    rename, calls = os.replace, []
+
+    def replace(old, new):
+        calls.append(new)
+        if len(calls) == number + 1:
+            raise PermissionError("denied")
+        rename(old, new)
+
+    monkeypatch.setattr(os, "replace", replace)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_group_is_all_old_after_a_rename_that_failed(tmp_path, monkeypatch, number):
+    names = ("one", "two", "three")
+    old = {tmp_path / name: name.encode() for name in names}
+    write_together(old)
+    fail_at_rename(monkeypatch, number)
+    with pytest.raises(PermissionError):
+        write_together({path: b"new" for path in old})
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == old
+
+
+@pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()], ids=["full disk", "stopped"])
+def test_a_write_that_failed_leaves_no_temporary_file(tmp_path, monkeypatch, error):
+    write_atomically(tmp_path / "file", b"old")
+    write = Path.write_bytes
+
+    def half(self, content):
+        write(self, content[: len(content) // 2])
+        raise error
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(type(error)):
+        write_together({tmp_path / "file": b"new", tmp_path / "other": b"new"})
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
+
+
+# A process that dies in the middle of a group.
+
+
+def save_and_die(folder, kind, number):
+    """In a process of its own: save another step, and die at the rename ``number``. Returns whether it died."""
+    process = os.fork()
+    if process:
+        code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        assert code in (0, 7)
+        return code == 7
+    rename, calls = os.replace, []
+
+    def replace(old, new):
+        calls.append(new)
+        if len(calls) > number:
+            os._exit(7)
+        rename(old, new)
+
+    try:
+        os.replace = replace
+        new = recording(200, 0.3)
+        (new if kind == "recording" else new.observation).save(folder)
+        os._exit(0)
+    finally:
+        os._exit(1)  # What is left of the tests is not this process's.
+
+
+def recording(gray, x):
+    """A small step: both cameras show ``gray`` at ``x`` m, and the pick is at ``x`` m."""
+    views = []
+    for name in ("one", "two"):
+        camera = Camera.pinhole(name, (x, -0.5, 0.5), (1.0, 0.0, 0.0, 0.0), size=(8, 8))
+        views.append(View(camera, np.full((8, 8, 3), gray, np.uint8), np.full((8, 8), x, np.float32)))
+    action = PickPlace(Pose2(x, 0.0), Pose2(x, 0.1))
+    return Recording(Observation(tuple(views)), "put the red block in the blue bowl", ExpertAction(action))
+
+
+def parts_of(observation):
+    for view in observation.views:
+        yield 100 if view.rgb[0, 0, 0] == 100 else 200
+        yield 100 if abs(view.depth[0, 0] - 0.6) < 0.01 else 200
+        yield 100 if abs(view.camera.position[0] - 0.6) < 0.01 else 200
+
+
+@pytest.mark.parametrize("kind", ["observation", "recording"])
+def test_a_save_that_is_killed_never_leaves_a_mixture(tmp_path, kind):
+    number, folder = 0, tmp_path / "0"
+    recording(100, 0.6).save(folder)
+    while save_and_die(folder, kind, number):
+        try:
+            assert len(set(parts_of(Observation.load(folder)))) == 1, f"a mixture, killed at rename {number}"
+        except FileNotFoundError as error:
+            assert "there is no cameras.json in it" in str(error)
+        if kind == "recording":
+            try:
+                loaded = Recording.load(folder)
+                seen = {*parts_of(loaded.observation), 100 if loaded.expert.action.pick.x == 0.6 else 200}
+                assert len(seen) == 1, f"a mixture, killed at rename {number}"
+            except FileNotFoundError as error:
+                assert "there is no" in str(error)
+        number += 1
+        folder = tmp_path / str(number)
+        recording(100, 0.6).save(folder)
+    assert number >= 5
+    recording(200, 0.3).save(tmp_path / "0")
+    assert set(parts_of(Recording.load(tmp_path / "0").observation)) == {200}, "what the dead one left is in no way"
+    assert set(parts_of(Recording.load(folder).observation)) == {200}
+
+
+def test_a_recording_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch):
+    recording(100, 0.6).save(tmp_path / "step")
+    before = {path: path.read_bytes() for path in (tmp_path / "step").iterdir()}
+    write = Path.write_bytes
+
+    def full(self, content):
+        if "action.json" in self.name:
+            raise OSError("no space left")
+        return write(self, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="no space left"):
+        recording(200, 0.3).save(tmp_path / "step")
+    assert {path: path.read_bytes() for path in (tmp_path / "step").iterdir()} == before
+
+
+def test_a_scene_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
+    """Another process saves between the two pictures of a camera."""
+    recording(100, 0.6).save(tmp_path)
+    read, calls = Path.read_bytes, []
+
+    def slow(path):
+        content = read(path)
+        calls.append(path)
+        if path.name == "one.color.png" and len(calls) < 10:
+            calls.extend([path] * 10)
+            recording(200, 0.6).save(tmp_path)
+        return content
+
+    monkeypatch.setattr(Path, "read_bytes", slow)
+    with pytest.raises(ValueError, match="was written while it was read"):
+        Observation.load(tmp_path)
+    assert set(parts_of(Observation.load(tmp_path))) == {100, 200}
+
+
+# One process at a time.
+
+HOLDER = """
+import sys
+from gem_lite.files import writing
+with writing(__import__("pathlib").Path(sys.argv[1])):
+    print("in", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_process_is_refused_until_the_first_has_ended(tmp_path):
+    first = start(HOLDER, tmp_path / "set")
+    assert first.stdout.readline() == "in\n"
+    with pytest.raises(OSError, match="another process writes into"), writing(tmp_path / "set"):
+        pass
+    with pytest.raises(OSError, match="another process writes into"):
+        recording(100, 0.6).save(tmp_path / "set")
+    first.kill()
+    first.communicate()
+    deadline = time.time() + 60
+    while time.time() < deadline:
+        try:
+            recording(100, 0.6).save(tmp_path / "set")
+            break
+        except OSError:
+            time.sleep(0.1)
+    assert Recording.load(tmp_path / "set").sentence
+
+
+# Numbers
+
+
+@pytest.mark.parametrize("number", ["1e999", "-1e999", "1" + 400 * "0", "1" * 5000, "NaN", "Infinity", "-Infinity"])
+def test_a_number_that_is_not_finite_is_refused(number):
+    with pytest.raises(ValueError, match=r"my\.json is cut off or no JSON: .* is no") as caught:
+        read_json(f'{{"a": [{number}]}}', "my.json")
+    assert len(str(caught.value)) < 200
+    assert read_json('{"a": 1e308, "b": 10000000000000000000000000000000}', "my.json") == {"a": 1e308, "b": 10**31}
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), math.nan, math.inf, True, "1", None])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(ValueError, match="a finite number is needed, got"):
+        as_number(value)
+
+
+def test_a_camera_with_a_huge_number_is_refused(tmp_path):
+    recording(100, 0.6).save(tmp_path)
+    path = tmp_path / "cameras.json"
+    whole = json.loads(path.read_text())
+    for key in ("depth_scale", "intrinsics", "pose"):
+        content = json.loads(path.read_text())
+        content["cameras"][0][key] = 10**400 if key == "depth_scale" else [[10**400] * 3] * 3
+        path.write_text(json.dumps(content))
+        with pytest.raises(ValueError, match=r"cameras\.json is cut off or no JSON"):
+            Observation.load(tmp_path)
+        path.write_text(json.dumps(whole))
