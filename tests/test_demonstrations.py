@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gem_lite import demonstrations, files, language, tasks
+from gem_lite import clip, demonstrations, files, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.files import write_atomically
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
+from gem_lite.policies.checkpoints import read_card
 from gem_lite.registry import Registry
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import worlds
@@ -506,3 +507,9 @@ def test_an_action_without_a_kind_is_a_pick_and_place_on_the_only_table():
 def test_a_wrong_action_is_named(wrong, said):
     with pytest.raises(ValueError, match=said):
         demonstrations._decode_action(wrong)
+
+
+def test_the_shipped_policy_was_trained_on_the_shipped_demonstrations():
+    policy = read_card(clip.DATA / "gem-put-block-in-bowl.safetensors")
+    shipped = clip.DATA / "demos" / f"{TASK}-10"
+    assert policy["data_sha256"] == data_hash(shipped) and policy["demos"] == len(load(shipped)) == 10
