@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 import pytest
 
-from gem_lite import demonstrations, files, language, tasks
+from gem_lite import clip, demonstrations, files, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.files import write_atomically
 from gem_lite.learning import collecting
 from gem_lite.learning.collecting import collect
+from gem_lite.policies.checkpoints import read_card
 from gem_lite.registry import Registry
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
@@ -696,3 +697,9 @@ def test_a_huge_number_in_an_episode_is_refused(copied, where):
     with_changed_description(copied, 0, change)
     with pytest.raises(ValueError, match="is no finite number"):
         load(copied)[0]
+
+
+def test_the_shipped_policy_was_trained_on_the_shipped_demonstrations():
+    policy = read_card(clip.DATA / "gem-put-block-in-bowl.safetensors")
+    shipped = clip.DATA / "demos" / f"{TASK}-10"
+    assert policy["data_sha256"] == data_hash(shipped) and policy["demos"] == len(load(shipped)) == 10

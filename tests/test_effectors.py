@@ -40,6 +40,13 @@ def test_effectors_are_found_by_name():
         fresh.clear("hand")
 
 
+@pytest.mark.parametrize(("beside", "holds"), [(0.0045, True), (0.0055, False)])
+def test_a_suction_cup_holds_what_its_rim_touches(world, stage, monkeypatch, beside, holds):
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
+    stage(cube(Pose2(0.5, 0.0), 0.04))
+    assert world.step(PickPlace(Pose2(0.52 + beside, 0.0), Pose2(0.6, 0.2))).grasped is holds
+
+
 def test_a_push_takes_a_body_to_its_end(world, pushing):
     (body,) = pushing(cube(START))
     step = world.step(Push(START, END))
