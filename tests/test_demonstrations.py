@@ -485,9 +485,9 @@ def test_collect_by_command_says_what_is_wrong(tmp_path, capsys):
 )
 def test_both_kinds_of_action_are_kept(demo_set, tmp_path, action):
     episode = demo_set[1][0]
-    step = dataclasses.replace(episode.steps[0], expert=ExpertAction(action, 0.5, 0.25))
+    step = dataclasses.replace(episode.steps[0], expert=ExpertAction(action, np.pi, np.pi / 2))
     save([dataclasses.replace(episode, steps=(step,))], tmp_path)
-    assert load(tmp_path)[0].steps[0].expert == ExpertAction(action, 0.5, 0.25)
+    assert load(tmp_path)[0].steps[0].expert == ExpertAction(action, np.pi, np.pi / 2)
 
 
 def entry(**changes):

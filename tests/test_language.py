@@ -1,9 +1,14 @@
+import re
+
 import numpy as np
 import pytest
 
 from gem_lite import colors, language, tasks
 from gem_lite.clip_training import vocabulary
-from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse
+from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
+from gem_lite.maps import locations
+from gem_lite.simulation import objects, ropes, shapes
+from gem_lite.tasks import stack_block_pyramid
 
 
 @pytest.mark.parametrize(
@@ -23,7 +28,7 @@ from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse
         ("pack the yellow ring inside the brown box", "yellow ring", "brown box"),
         # A preposition inside a word is none, and the first real one divides.
         ("put the tonic into box", "tonic", "box"),
-        ("put the red block in the bowl on the left", "red block", "bowl on the left"),
+        ("put the red block in the bowl on the left", "red block", "left bowl"),
     ],
 )
 def test_instructions(instruction, pick, place):
@@ -45,9 +50,9 @@ def test_spelling_does_not_matter(written):
     assert parse(written) == Queries("red block", "green bowl")
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != language.ALIGNING])
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != word_lists.ALIGNING])
 def test_every_verb_begins_an_instruction(verb):
-    assert parse(f"{verb} the red block on the box") == Queries("red block", "box", push=verb == language.PUSHING)
+    assert parse(f"{verb} the red block on the box") == Queries("red block", "box", push=verb == word_lists.PUSHING)
 
 
 @pytest.mark.parametrize("color", colors.RGB)
@@ -157,7 +162,7 @@ def test_what_is_not_understood_is_named(instruction, leftover):
             "red block, the mug and the blue block",
             "box",
         ),
-        ("put the red block on the left in the bowl on the right", "red block on the left", "bowl on the right"),
+        ("put the red block on the left in the bowl on the right", "left red block", "right bowl"),
         ("put one of the blocks in the middle bowl", "blocks", "middle bowl"),
         ("put the mug with orange stripes in the box", "mug with orange stripes", "box"),
         ("insert the key into the jelly mould", "key", "jelly mould"),
@@ -212,7 +217,7 @@ def test_sentences_of_the_paper(instruction, pick, place):
     [
         ("align the rope to the wall", "must say what to align"),
         ("align the rope from the left corner", "must say what to align"),
-        ("align the rope from one tip to the other, gently", "leftover words ', gently'"),
+        ("align the rope from one tip to the other, gently", "leftover words 'other, gently'"),
         ("pick up the yellow screwdriver", "names no place"),
         ("grasp the coffee mug by its handle", "names no place"),
         ("pick banana crown", "names no place"),
@@ -226,12 +231,45 @@ def test_sentences_that_no_pick_and_place_can_follow(instruction, message):
         parse(instruction)
 
 
+TASK_SENTENCE = re.compile(
+    r"(align|pack|pick|put|push|move) (all the |the )?(?P<pick>.+?) (and place into|from|in|into|on|to) "
+    r"(the |a )?(?P<place>.+)"
+)
+"""The words of a task's sentence between its verb, its preposition and their articles."""
+
+
+def assert_read_as_written(sentence):
+    """The shipped policies were trained with these phrases, things and location words."""
+    written = TASK_SENTENCE.fullmatch(sentence.lower())
+    queries = parse(sentence)
+    assert queries == Queries(written["pick"], written["place"], push=sentence.startswith("push"))
+    for phrase in (written["pick"], written["place"]):
+        both = re.fullmatch(r"(\w+) and (\w+) blocks", phrase)
+        assert conjuncts(phrase) == ((f"{both[1]} blocks", f"{both[2]} blocks") if both else (phrase,))
+        first, second, *_ = [*phrase.split(), ""]
+        located = first in ("left", "right", "top", "bottom", "middle") and second != "of"
+        assert locations.location_word(phrase) == (first if located else None)
+
+
 @pytest.mark.parametrize("name", tasks.names())
-def test_every_task_says_what_is_parsed(name, world):
-    task = tasks.make(name, "test")
-    world.reset(task, tasks.episode_seed("test", 0))
-    phrases = parse(task.instruction)
-    assert f" {phrases.pick} " in task.instruction.lower() and task.instruction.lower().endswith(f" {phrases.place}")
+def test_every_task_says_what_is_parsed(name, blind):
+    for split in tasks.registry.SPLITS:
+        task = tasks.make(name, split)
+        blind.reset(task, tasks.episode_seed(split, 0))
+        for goal in task.goals:
+            assert_read_as_written(goal.sentence)
+
+
+def test_the_words_of_the_tasks_in_every_combination():
+    for word in ("", "left ", "right ", "top ", "bottom ", "middle "):
+        for shape in (*shapes.SEEN_SHAPES, *shapes.UNSEEN_SHAPES):
+            assert_read_as_written(f"put the red {shape} in the {word}{shape} hole")
+    for plate in stack_block_pyramid.PLATES:
+        assert_read_as_written(f"put the red block on the {plate}")
+    for name in objects.NAMES:
+        assert_read_as_written(f"pack all the {name} objects in the brown box")
+    for start, end in ropes.DIRECTIONS:
+        assert_read_as_written(f"align the rope from {start} to {end}")
 
 
 def test_an_alignment_has_a_start_and_an_end():
@@ -321,3 +359,199 @@ def test_what_is_no_picture_is_no_query(shape):
 
 def test_queries_are_named_in_figures():
     assert str(Queries(ImageQuery(np.zeros((4, 4, 3), np.uint8), "this mug"), "bowl")) == "pick this mug, place bowl"
+
+
+# Location words -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "the left red block", "the leftmost red block", "the left-most red block", "the left-hand red block",
+        "the red block on the left", "Leftmost red block", "all the red block on the left",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("sentence", ["put {} in the bowl", "pick up {} and place it in the bowl"])
+def test_every_wording_of_a_location_means_the_same(written, sentence):
+    assert parse(sentence.format(written)) == Queries("left red block", "bowl")
+    assert parse(f"put the mug on {written.removeprefix('all ')}") == Queries("mug", "left red block")
+    assert parse_thing(written) == "left red block"
+
+
+@pytest.mark.parametrize(
+    ("written", "phrase"),
+    [
+        ("the block in the middle", "middle block"),
+        ("the block in the centre", "middle block"),
+        ("the central block", "middle block"),
+        ("the topmost block", "top block"),
+        ("the bottom block", "bottom block"),
+        ("the pile of red blocks on the right", "right pile of red blocks"),
+        ("the red and white flashlight on the left", "left red and white flashlight"),
+        # Names with the same words, and places of things so named.
+        ("the top hat", "top hat"),
+        ("the black top hat on the left", "left black top hat"),
+        ("the left shoe", "left shoe"),
+        ("the shoe on the left", "leftmost shoe"),
+        ("the leftmost shoes", "leftmost shoes"),
+        ("the left shoe on the right", "right left shoe"),
+        ("the left and right shoes", "left and right shoes"),
+        ("the middle of the stand", "middle of the stand"),
+        ("the spinning top", "spinning top"),
+    ],
+)
+def test_location_words_and_names(written, phrase):
+    assert parse(f"put {written} in the bowl") == Queries(phrase, "bowl")
+    assert parse(f"put the mug on the {phrase}").place == phrase
+
+
+def test_the_thing_on_the_left_is_picked_and_not_the_place():
+    assert parse("put the block on the left in the blue bowl") == Queries("left block", "blue bowl")
+    assert parse("put the block on the left bowl") == Queries("block", "left bowl")
+    assert parse("grasp the mug on the left by its handle and put it in the box") == Queries("left mug handle", "box")
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        "red left block", "top left block", "top-left block", "third-left block", "leftmost block on the right",
+        "left middle brown block", "left red and blue blocks", "red and blue blocks on the left",
+        "left red block and the blue mug", "left and right blocks", "front block", "back block", "rear block",
+        "lower block", "leftmost of the blocks", "middle one of the blocks", "left one", "left edge",
+        "left corner of the box", "left shoe box", "middle of the left bowl", "block leftmost", "left", "middle",
+        "far left block", "block on the left side",
+    ],
+)  # fmt: skip
+def test_location_words_that_are_not_understood_are_refused(thing):
+    for sentence in (f"put the {thing} in the bowl", f"put the mug on the {thing}"):
+        with pytest.raises(ValueError, match="the instruction") as error:
+            parse(sentence)
+        assert language.EXAMPLE in str(error.value)
+    with pytest.raises(ValueError):
+        parse_thing(thing)
+
+
+def test_the_part_of_a_thing_has_no_location_word():
+    with pytest.raises(ValueError, match="says 'left' where it is not understood"):
+        parse("grasp the mug by its left handle and put it in the box")
+    assert parse("grasp the bottle by its middle and put it in the box") == Queries("bottle middle", "box")
+    with pytest.raises(ValueError, match="leftover words 'by its handle"):
+        parse("grasp by its handle and put it in the box")
+
+
+# What no phrase contains --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "that's on the plate", "that’s blue", "that\u02bcs blue", "thats blue", "it's", "isn't", "isnt", "you'd like",
+        "i've seen", "nearest to the mug", "closest to the mug", "furthest", "next", "next door to the mug", "fast",
+        "halfway", "forward", "10 cm", "10cm", "asap", "now", "stop", "with care", "with tongs", "with both hands",
+        "sideways", "upright", "upside-down", "near-by", "face-down", "flat", "deep", "high", "lying", "located",
+        "first", "2nd", "twice", "5 minutes", "like before", "either", "cancel", "well",
+    ],
+)  # fmt: skip
+def test_words_that_would_be_swallowed_are_refused(words):
+    with pytest.raises(ValueError, match="has leftover words"):
+        parse(f"put the red block {words} in the bowl")
+    with pytest.raises(ValueError, match="the instruction"):
+        parse(
+            f"put the red block in the bowl {words}" if words != "now" else "put the block in the bowl now in the box"
+        )
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        "none of the blocks", "nothing", "everything", "no blocks", "zero blocks", "two blocks", "2 blocks",
+        "half of the blocks", "most of the blocks", "a couple of blocks", "the nearest block", "the closest block",
+        "the furthest block", "the next block", "the second block", "the 2nd block", "the last block",
+        "the other block", "the same block", "either block", "the matching block", "the non-red block",
+        "the not red block", "his block", "its block", "this block",
+    ],
+)  # fmt: skip
+def test_things_that_need_more_than_a_name_are_refused(thing):
+    with pytest.raises(ValueError, match="has leftover words"):
+        parse(f"put {thing} in the bowl")
+    with pytest.raises(ValueError, match="has leftover words"):
+        parse(f"put the mug on {thing}")
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("the bowl and the blue one", "names several places, 'bowl and the blue one'"),
+        ("the bowl and the blue block", "names several places"),
+        ("the green bowl and the blue bowl", "names several places"),
+        ("both bowls", "says 'both' of a place"),
+        ("each of the bowls", "says 'each' of a place"),
+        ("the red and the", "names nothing on one side of 'and'"),
+        ("the bowl in 5 minutes", "leftover words 'in 5 minutes'"),
+    ],
+)
+def test_a_place_is_one(place, message):
+    with pytest.raises(ValueError, match=message) as error:
+        parse(f"put the red block in {place}")
+    assert language.EXAMPLE in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        # Of CLIPort's scanned objects, those with colours, features, numbers and odd words.
+        "black and blue sneakers", "black boot with leopard print", "black shoe with orange stripes", "c clamp",
+        "green and white striped towel", "grey soccer shoe with cleats", "hard drive",
+        "light brown boot with golden laces", "nintendo 3ds", "office depot box",
+        "pepsi gold caffeine free box", "pepsi next box", "porcelain salad plate",
+        "red and white flashlight", "red and white striped towel", "spatula with purple head", "toy school bus",
+        # Of people.
+        "rubik's cube", "bull's eye", "m&m's bag", "jack-in-the-box", "push-pin", "take-away box", "block 2",
+        "digit 3 shape", "something red", "leftover pizza", "family photo", "letter m shape",
+    ],
+)  # fmt: skip
+def test_names_are_no_reason_to_refuse(name):
+    assert parse(f"pack the {name} in the brown box") == Queries(name, "brown box")
+    assert parse(f"pack all the {name} objects in the brown box") == Queries(f"{name} objects", "brown box")
+    assert conjuncts(name) == (name,) and conjuncts(f"{name} objects") == (f"{name} objects",)
+    assert locations.location_word(name) is None
+
+
+@pytest.mark.parametrize(
+    ("phrase", "members"),
+    [
+        # One thing of several colours.
+        ("red and white ball", ("red and white ball",)),
+        ("red, white and blue ball", ("red, white and blue ball",)),
+        ("the small red and white tin box", ("small red and white tin box",)),
+        ("light and dark brown shoe", ("light and dark brown shoe",)),
+        ("black and white scissors", ("black and white scissors",)),
+        ("red and white striped towels", ("red and white striped towels",)),
+        ("mug with red and blue stripes", ("mug with red and blue stripes",)),
+        ("pile of red and blue blocks", ("pile of red and blue blocks",)),
+        # Several things.
+        ("red and white balls", ("red balls", "white balls")),
+        ("gray and red block", ("gray block", "red block")),
+        ("the red and a white ball", ("red ball", "white ball")),
+        ("light and dark brown blocks", ("light brown blocks", "dark brown blocks")),
+        ("big and small bowl", ("big bowl", "small bowl")),
+        ("red and striped towels", ("red towels", "striped towels")),
+        ("red and blue dice", ("red dice", "blue dice")),
+        ("red and white objects", ("red objects", "white objects")),
+        # Both.
+        ("red and white ball and the blue mug", ("red and white ball", "blue mug")),
+        ("blue mug and red and white balls", ("blue mug", "red balls", "white balls")),
+        ("mug with red and blue stripes and green bowl", ("mug with red and blue stripes", "green bowl")),
+        ("mug with red stripes and the bowl", ("mug with red stripes", "bowl")),
+    ],
+)
+def test_joined_colours_are_of_one_thing_or_of_several(phrase, members):
+    assert conjuncts(phrase) == members
+
+
+@pytest.mark.parametrize(
+    "text", ["", "grab the red block", "throw the red block away", "red block in the bowl", "3 mugs"]
+)
+def test_what_is_no_thing_alone_is_refused(text):
+    with pytest.raises(ValueError, match="the instruction"):
+        parse_thing(text)

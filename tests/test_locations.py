@@ -3,7 +3,9 @@ import pytest
 import torch
 
 from gem_lite import clip
+from gem_lite.language import Queries, word_lists
 from gem_lite.maps import locations
+from gem_lite.policies import methods
 from gem_lite.se2 import Workspace
 from gem_lite.simulation import ropes
 
@@ -23,10 +25,15 @@ def table(*places):
     ("phrase", "word"),
     [
         ("left star hole", "left"), ("the top letter T shape hole", "top"), ("Middle ring hole", "middle"),
-        ("star hole", None), ("middle of the stand", None), ("left", None), ("block on the left", None),
+        ("block on the left", "left"), ("the block in the middle", "middle"), ("leftmost block", "left"),
+        ("right-most block", "right"), ("middle brown block", "middle"), ("left top hat", "left"),
+        ("leftmost shoe", "left"), ("shoe on the right", "right"), ("top black hat", "top"),
+        ("star hole", None), ("middle of the stand", None), ("left", None), ("top hat", None), ("right shoe", None),
+        ("left shoes with red laces", None), ("black top hat", None), ("bottom drawer", None), ("", None),
+        ("on the left", None),
     ],
 )  # fmt: skip
-def test_a_word_counts_at_the_beginning_of_a_phrase(phrase, word):
+def test_the_location_word_of_a_phrase(phrase, word):
     assert locations.location_word(phrase) == word
 
 
@@ -34,6 +41,26 @@ def cells_of(semantic):
     """The cells of each response, as lists of (row, col)."""
     regions, count = locations.responses(semantic, WORKSPACE)
     return [np.argwhere(regions == number).tolist() for number in range(1, count + 1)]
+
+
+@pytest.mark.parametrize(
+    ("phrase", "thing"),
+    [
+        ("left star hole", "star hole"), ("the left star hole", "star hole"), ("star hole on the left", "star hole"),
+        ("leftmost shoe", "shoe"), ("middle brown block", "brown block"), ("top hat", "top hat"),
+        ("middle of the stand", "middle of the stand"), ("red block", "red block"), ("left", "left"),
+    ],
+)  # fmt: skip
+def test_a_phrase_without_its_location_word(phrase, thing):
+    assert locations.without_location(phrase) == thing
+
+
+@pytest.mark.parametrize("word", word_lists.LOCATION_WORDS)
+def test_every_word_that_is_read_chooses_a_response(word):
+    semantic = table((50, 20, 1.0), (90, 40, 1.0))
+    for wording in (f"{word} block", f"{word}most block"):
+        read = locations.location_word(wording)
+        assert (locations.located(semantic, read, WORKSPACE) == 1).sum() == 1
 
 
 def test_responses_are_the_strongest_maxima():
@@ -143,6 +170,15 @@ def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not():
         ("left star hole", {0: 1}),
         ("Front left tip to back left corner", {4: 1, 0: 1, 7: 1, 9 + 5: 1, 9 + 0: 1, 9 + 8: 1}),
         ("tip tip", {7: 2}),
+        ("leftmost red block", {0: 1}),
+        ("red block on the left", {0: 1}),
+        ("middle of the stand", {6: 1}),
+        ("", {}),
+        # Names have no location words.
+        ("top hat", {}),
+        ("left shoe", {}),
+        ("leftmost shoe", {0: 1}),
+        ("right left shoe", {1: 1}),
     ],
 )
 def test_the_code_counts_words_before_and_after_to(phrase, words):
@@ -152,3 +188,20 @@ def test_the_code_counts_words_before_and_after_to(phrase, words):
     code = locations.code(phrase)
     assert torch.allclose(code, torch.nn.functional.normalize(expected, dim=0))
     assert code.norm() == pytest.approx(1 if words else 0)
+
+
+def test_a_line_has_one_code_in_both_directions():
+    # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
+    for start, end in ropes.DIRECTIONS:
+        assert torch.equal(locations.code(f"{end} to {start}"), locations.code(f"{start} to {end}"))
+
+
+@pytest.mark.parametrize("method", methods.METHODS.names())
+def test_the_networks_of_every_method_get_the_code_of_both_phrases(method):
+    kind, config = methods.find(method)
+    policy = kind(config, clip.load())
+    words = policy.words(Queries("left red block", "front left tip to back left corner"))
+    for name, phrase in (("pick", "left red block"), ("place", "front left tip to back left corner")):
+        assert words[name].shape == (policy.language_dim,)
+        assert torch.equal(words[name][-locations.CODE_LENGTH :], locations.code(phrase))
+        assert words[name][-locations.CODE_LENGTH :].any()

@@ -386,3 +386,24 @@ def test_look_writes_maps_places_and_an_action(capsys, tmp_path):
     cliport = ["--policy", str(tmp_path / "none.safetensors")]
     assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out, *cliport]) == 2
     assert "none.safetensors" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "the instruction is empty"),
+        ("grab the red block", "names no place"),
+        ("throw the red block away", "does not begin with a known verb"),
+        ("put the red block next to the bowl", "leftover words 'next to the bowl'"),
+    ],
+)
+def test_look_says_why_a_text_is_neither_sentence_nor_thing(text, reason, capsys, tmp_path):
+    assert main(["look", str(FOREIGN / "kitchen"), text, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("text must be a sentence or name a thing: ") and reason in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_look_reads_a_thing_as_in_a_sentence(tmp_path):
+    assert main(["look", str(FOREIGN / "kitchen"), "the mug on the left", "--out", str(tmp_path)]) == 0
+    assert list(json.loads((tmp_path / "look.json").read_text())["places"]) == ["left mug"]

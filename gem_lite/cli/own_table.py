@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, ClassVar
 from typing_extensions import override
 from tyro.conf import Positional
 
+from gem_lite import language
 from gem_lite.cli.command import Command
 from gem_lite.files import DATA, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from gem_lite.language import Queries
     from gem_lite.policies.gem import Policy
 
 # Each method imports what it runs: torch takes seconds to load, and the help needs none of it.
@@ -127,6 +129,16 @@ class Look(OwnTable):
     text: Positional[str]
     """a thing, or a whole sentence"""
 
+    def queries(self, policy: Policy) -> Queries | str:
+        """The queries of a sentence, or the phrase of a thing. Raises ValueError if the text is neither."""
+        try:
+            return policy.read(self.text)
+        except ValueError as error:
+            try:
+                return language.parse_thing(self.text)
+            except ValueError:
+                raise ValueError(f"text must be a sentence or name a thing: {error}") from None
+
     @override
     def run(self) -> None:
         from gem_lite.actions import PickPlace
@@ -137,13 +149,9 @@ class Look(OwnTable):
         observation = Observation.load(self.folder)
         policy = self.load_policy()
         scene = policy.embed(observation.views)
-        action = None
-        try:
-            queries = policy.read(self.text)
-            phrases = [str(queries.pick), str(queries.place)]
-            action = policy.act(observation, queries)
-        except ValueError:  # no sentence: the name of a thing
-            phrases = [self.text]
+        queries = self.queries(policy)
+        action = None if isinstance(queries, str) else policy.act(observation, queries)
+        phrases = [queries] if isinstance(queries, str) else [str(queries.pick), str(queries.place)]
         self.draw(plot_own_table.show_table_from_above(scene.heightmap), "table.png")
         parts = {phrase: policy.maps(scene, phrase) for phrase in phrases}
         panels = [

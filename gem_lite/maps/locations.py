@@ -17,6 +17,8 @@ import numpy as np
 import torch
 from scipy import ndimage
 
+from gem_lite.language import phrases
+from gem_lite.language.word_lists import LEADING
 from gem_lite.se2 import Workspace
 
 WITHIN = 0.1
@@ -42,25 +44,47 @@ _SMALLEST: dict[str, _Keys] = {
 
 
 def location_word(phrase: str) -> str | None:
-    """The location word at the beginning of a phrase, if there is one: "left" in "the left star hole".
+    """The location word of a phrase, if there is one: "left" of "left star hole" and of "star hole on the left".
 
-    "middle of the stand" has none: it names a thing.
+    "middle of the stand", "left shoe" and "top hat" have none: they name things.
     """
-    words = phrase.lower().removeprefix("the ").split()
-    if len(words) < 2 or words[0] not in _SMALLEST or words[1] == "of":
-        return None
-    return words[0]
+    return phrases.split_location(phrase)[0]
+
+
+def without_location(phrase: str) -> str:
+    """A phrase without its location word: "star hole" of "left star hole"."""
+    return phrases.split_location(phrase)[1]
+
+
+def canonical(phrase: str) -> str:
+    """A phrase with its location word in front, however it was said: "left star hole" of "star hole on the left".
+
+    CLIP gets this wording, since it is the one of the demonstrations. It may be a name by itself ("left shoe").
+    """
+    word, thing = phrases.split_location(phrase)
+    return phrase if word is None else f"{word} {thing}"
 
 
 def code(phrase: str) -> torch.Tensor:
     """The location words of a phrase as a vector (`CODE_LENGTH`,): how often each of `WORDS` is there.
 
     The first half counts the words of "A" in "A to B", the second half those of "B"; a phrase without "to" is an "A".
-    The vector has unit length, as CLIP's embeddings have; it is 0 if there is no location word.
+    If both have such words, they are the ends of a line, and "B to A" has the same code: the end with more of the
+    first words of `WORDS` is "A". Words of names are not counted ("left shoe", "top hat"), and "leftmost" counts as
+    "left". The vector has unit length, as CLIP's embeddings have; it is 0 if there is no location word.
     """
     start, _, end = phrase.lower().partition(" to ")
-    counts = [part.split().count(word) for part in (start, end) for word in WORDS]
-    return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32), dim=0)
+    counts = [_counts(start), _counts(end)]
+    if any(counts[0]) and any(counts[1]):
+        counts.sort(reverse=True)
+    return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32).flatten(), dim=0)
+
+
+def _counts(phrase: str) -> list[int]:
+    """How often each of `WORDS` is in a phrase, apart from names."""
+    words = phrase.split()
+    read = [LEADING.get(word, word) for i, word in enumerate(words) if not phrases.names_by_side(words[i:])]
+    return [read.count(word) for word in WORDS]
 
 
 def responses(semantic: np.ndarray, workspace: Workspace) -> tuple[np.ndarray, int]:

@@ -81,9 +81,12 @@ def _located_maps(
     source: MapSource, scene: SceneEmbedding, query: Query, config: MapConfig, memory: CropMemory | None,
     hidden: EpisodeKey | None,
 ) -> QueryMaps:  # fmt: skip
+    word = None
+    if config.parsing and isinstance(query, str):
+        word = locations.location_word(query)
+        query = locations.canonical(query)
     maps = _member_maps(source, scene, query, config, memory, hidden)
-    word = locations.location_word(query) if config.locations and config.parsing and isinstance(query, str) else None
-    if word is None:
+    if word is None or not config.locations:
         return maps
     text = locations.located(maps.text, word, config.workspace)
     return QueryMaps(text, maps.image, locations.located(maps.fused, word, config.workspace))

@@ -186,7 +186,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     def embed_words(self, query: Query) -> torch.Tensor:
         """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
-        embedding = embed_query(query, self.clip)
+        plain = locations.canonical(query) if self.config.parsing and isinstance(query, str) else query
+        embedding = embed_query(plain, self.clip)
         if not self.config.location_code:
             return embedding
         return torch.cat([embedding, locations.code("" if isinstance(query, ImageQuery) else query)])

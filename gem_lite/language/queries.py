@@ -1,0 +1,68 @@
+"""Queries: what to pick and where to place it. A parser is any function from an instruction to queries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gem_lite.registry import Registry
+
+
+@dataclass(frozen=True, eq=False)
+class ImageQuery:
+    """A picture of the thing that is meant, in the place of a phrase.
+
+    Attributes:
+        picture: (H, W, 3) uint8.
+        name: its name in figures and messages.
+
+    Raises:
+        ValueError: another kind of picture.
+    """
+
+    picture: np.ndarray
+    name: str = "a picture"
+
+    def __post_init__(self) -> None:
+        shape = self.picture.shape
+        if len(shape) != 3 or shape[-1] != 3 or 0 in shape or self.picture.dtype != np.uint8:
+            raise ValueError(f"picture must be (H, W, 3) uint8, got {shape} {self.picture.dtype}")
+
+    def __str__(self) -> str:
+        return self.name
+
+
+Query = str | ImageQuery
+"""The thing that is meant: a phrase without its article, or a picture."""
+
+
+@dataclass(frozen=True)
+class Queries:
+    """What to pick, and where to place it.
+
+    Attributes:
+        push: whether the sentence asks for a push, from what is to be pushed to the place.
+
+    Raises:
+        ValueError: one of them is neither a text with words nor an `ImageQuery`.
+    """
+
+    pick: Query
+    place: Query
+    push: bool = False
+
+    def __post_init__(self) -> None:
+        for name, query in (("pick", self.pick), ("place", self.place)):
+            if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
+                raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
+
+    def __str__(self) -> str:
+        return f"push {self.pick} to {self.place}" if self.push else f"pick {self.pick}, place {self.place}"
+
+
+Parser = Callable[[str], Queries]
+"""An instruction to queries. It raises ValueError for an instruction that it refuses."""
+PARSERS: Registry[Parser] = Registry("parser")
+"""Parsers by the names that configurations hold."""
