@@ -187,6 +187,7 @@ class CropKernel(nn.Module):
 
     def __init__(self, inputs: int, channels: int, fields: int) -> None:
         super().__init__()
+        self._sizes = inputs, channels, fields
         space = gspaces.Rot2dOnR2(N=8)
         self._input = enn.FieldType(space, inputs * [space.trivial_repr])
         hidden = enn.FieldType(space, fields * [space.regular_repr])
@@ -205,6 +206,21 @@ class CropKernel(nn.Module):
         """(B, inputs, h, h) to (B, channels, h, h)."""
         size = crop.shape[-1]
         return self.layers(enn.GeometricTensor(crop * disc(size).to(crop), self._input)).tensor / size
+
+    def __reduce__(self) -> tuple:
+        """For copies and pickles: the sizes and the weights. Objects of e2cnn cannot be pickled."""
+        return _crop_kernel, (self._sizes, dict(self.named_parameters()), self.training)
+
+
+def _crop_kernel(sizes: tuple[int, int, int], weights: dict[str, nn.Parameter], training: bool) -> CropKernel:
+    """The kernel that `CropKernel.__reduce__` took apart."""
+    with torch.random.fork_rng(devices=[]):
+        kernel = CropKernel(*sizes).to(next(iter(weights.values())))
+    for name, weight in weights.items():
+        layer, _, own = name.rpartition(".")
+        setattr(kernel.get_submodule(layer), own, weight)
+    with torch.no_grad():
+        return kernel.train(training)
 
 
 def parameter_count(module: nn.Module) -> int:

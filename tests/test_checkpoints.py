@@ -1,0 +1,118 @@
+"""Checkpoints: their names, their two files, and copies of a policy."""
+
+import copy
+import dataclasses
+import io
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from gem_lite import clip
+from gem_lite.cli import main
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
+from gem_lite.policies.checkpoints import card_path, load_policy, read_card, save_policy
+from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem_config import LITE
+from gem_lite.rgbd.observation import Observation
+
+SMALL = dataclasses.replace(
+    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
+)  # fmt: skip
+SCENE = clip.DATA / "foreign-scenes" / "workbench"
+SENTENCE = "put the red block in the blue bowl"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return clip.load()
+
+
+@pytest.fixture(scope="module")
+def policy(model):
+    picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
+    return Policy(SMALL, model, CropMemory([CropEntry("red block", picture, "t", 0)], model), seed=1)
+
+
+def same(one, other):
+    return all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
+
+
+def test_names_with_a_dot_are_told_apart(policy, model, tmp_path):
+    other = Policy(SMALL, model, policy.memory, seed=2)
+    save_policy(policy, tmp_path / "lr-0.1.safetensors", {})
+    save_policy(other, tmp_path / "lr-0.2.safetensors", {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "lr-0.1.json", "lr-0.1.safetensors", "lr-0.2.json", "lr-0.2.safetensors",
+    ]  # fmt: skip
+    assert same(load_policy(tmp_path / "lr-0.1.safetensors", model), policy)
+    assert same(load_policy(str(tmp_path / "lr-0.2.safetensors"), model), other)
+    assert card_path("runs/lr-0.1.safetensors") == Path("runs/lr-0.1.json")
+
+
+@pytest.mark.parametrize("name", ["mine.json", "lr-0.1", "mine", "mine.pt", "mine.safetensors.zip", ".safetensors"])
+def test_other_endings_are_refused(policy, model, tmp_path, name):
+    (tmp_path / name).write_text("of somebody else")
+    for refused in (
+        lambda: save_policy(policy, tmp_path / name, {}),
+        lambda: read_card(tmp_path / name),
+        lambda: load_policy(tmp_path / name, model),
+    ):
+        with pytest.raises(ValueError, match=r"the name of a checkpoint must end in \.safetensors, got '.*"):
+            refused()
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "of somebody else")]
+
+
+def test_a_training_refuses_another_ending_before_it_begins(tmp_path, capsys):
+    shipped = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
+    assert main(["train", str(shipped), str(tmp_path / "mine.json"), "--state", str(tmp_path / "state")]) == 2
+    assert "must end in .safetensors" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_save_that_fails_between_its_two_files_leaves_the_old_policy(policy, model, tmp_path, monkeypatch):
+    path = tmp_path / "policy.safetensors"
+    save_policy(policy, path, {})
+    rename = os.replace
+
+    def replace(old, new):
+        if Path(new).name == "policy.json" and ".part" in str(old):
+            raise OSError("denied")
+        rename(old, new)
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(OSError, match="denied"):
+        save_policy(Policy(SMALL, model, policy.memory, seed=2), path, {})
+    assert same(load_policy(path, model), policy)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
+
+
+def saved_by_torch(policy):
+    buffer = io.BytesIO()
+    torch.save(policy, buffer)
+    buffer.seek(0)
+    return torch.load(buffer, weights_only=False)
+
+
+COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it)), "torch": saved_by_torch}
+
+
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize("training", [True, False], ids=["train", "eval"])
+def test_a_copy_of_a_policy_decides_as_it_does(policy, way, training):
+    observation = Observation.load(SCENE)
+    choice = policy.decide(observation, SENTENCE)
+    policy.train().train(training)  # e2cnn keeps another tensor after each change.
+    copied = COPIES[way](policy)
+    assert same(copied, policy) and copied.training == training
+    found = copied.decide(observation, SENTENCE)
+    assert np.array_equal(found.pick_logits, choice.pick_logits)
+    assert np.array_equal(found.place_logits, choice.place_logits) and found.action == choice.action
+    copied.train()
+    with torch.no_grad():
+        for weight in copied.parameters():
+            weight.zero_()
+    assert not same(copied, policy), "the copy has weights of its own"
