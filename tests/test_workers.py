@@ -23,7 +23,7 @@ class Job:
 
 
 def run_and_be_killed(job):
-    """The indices as outcomes. The process that comes to `FATAL` is killed as the system kills it for lack of memory."""
+    """The indices as outcomes. The process that comes to `FATAL` is killed, as for lack of memory."""
     if FATAL in job.indices:
         os.kill(os.getpid(), signal.SIGKILL)
     return list(job.indices)

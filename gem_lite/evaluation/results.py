@@ -223,6 +223,7 @@ class Score:
         mean, interval: 0-100, with 95 %, over episodes and seeds (`statistics.mean_and_interval`).
         cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
         episodes: the episodes' indices.
+        outdated: whether a row was measured under earlier rules (`is_outdated`).
     """
 
     rewards: np.ndarray
@@ -230,6 +231,7 @@ class Score:
     interval: tuple[float, float]
     cpu_seconds: float | None
     episodes: tuple[int, ...]
+    outdated: bool = False
 
     def __str__(self) -> str:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
@@ -280,7 +282,8 @@ def pool(rows: Sequence[dict], identity: Sequence[str] = IDENTITY) -> Score:
     rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
     seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
     mean, interval = statistics.mean_and_interval(rewards)
-    return Score(rewards, mean, interval, float(np.mean(seconds)) if seconds else None, tuple(indices))
+    cpu_seconds = float(np.mean(seconds)) if seconds else None
+    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(is_outdated, rows)))
 
 
 def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:
