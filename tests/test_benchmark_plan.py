@@ -1,6 +1,7 @@
 """The plan of the benchmark: its cells, the names of their files, and what Snakemake would do."""
 
 import dataclasses
+import hashlib
 import itertools
 import json
 import subprocess
@@ -15,7 +16,7 @@ from gem_lite import clip, tasks
 from gem_lite.cli import main
 from gem_lite.evaluation import benchmark, results, summaries
 from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
-from gem_lite.figures import plot_benchmark
+from gem_lite.figures import benchmark_page, plot_benchmark
 from gem_lite.policies import methods
 from gem_lite.policies.gem_config import ABLATIONS
 
@@ -33,7 +34,8 @@ def plan():
 def row_of(cell, mean=50.0, **changes):
     facts = {name: None for name in results.IDENTITY} | {"method": cell.method, "task": cell.task, "subset": "all"}
     facts |= {"split": cell.split, "world": cell.world, "episodes": cell.episodes}
-    facts |= {"mean": mean, "ci95": [mean - 5, mean + 5]}
+    facts |= {"mean": mean, "ci95": [mean - 5, mean + 5], "train_cpu_seconds": None}
+    facts |= {"rewards": {str(index): mean / 100 for index in range(cell.episodes)}, "skipped": list(cell.skipped)}
     if cell.training:
         facts |= {"demos": cell.training.demos, "seed": cell.training.seed, "config": "lite"}
     elif cell.method == "expert-rounded":
@@ -189,6 +191,70 @@ def test_a_stored_row_belongs_to_its_cell(plan):
         assert row["clip_fingerprint"] == cell.training.clip_fingerprint and row["episodes"] == cell.episodes
 
 
+def test_all_rows_of_a_policy_are_of_one_checkpoint():
+    rows = benchmark.stored_rows()
+    benchmark.check_checkpoints(rows)
+    for method, demos in benchmark.MIXED:
+        of_policy = [row for row in rows if (row["method"], row["demos"]) == (method, demos)]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(benchmark, "MIXED", set())
+            with pytest.raises(ValueError, match=f"the rows of {method} with {demos} .* are of several policies"):
+                benchmark.check_checkpoints(of_policy)  # if it passes, take the entry out of MIXED
+
+
+def test_two_checkpoints_of_one_policy_are_refused(plan):
+    cells = {cell.task: cell for cell in plan.tier("must") if cell.method == "gem"}
+    seen, unseen = cells[BOWL], cells["put-block-in-bowl-unseen-colors"]
+    one = row_of(seen, data_sha256="d", checkpoint_sha256="one" * 4)
+    other = row_of(unseen, data_sha256="d", checkpoint_sha256="two" * 4)
+    fine = [
+        other | {"checkpoint_sha256": one["checkpoint_sha256"]},
+        other | {"data_sha256": "of another task"},
+        other | {"seed": 1},
+        other | {"demos": 100},
+    ]
+    for row in fine:
+        benchmark.check_checkpoints([one, row])
+    trials = [row | {"split": "val", "config_hash": name} for row, name in ((one, "a"), (other, "b"))]
+    benchmark.check_checkpoints(trials)
+    refused = f"gem with 10 demonstrations and the training seed 0 are of several policies, {'one' * 4} on {BOWL}, two"
+    for rows in (
+        [one, other],
+        [one, other | {"config_hash": "more steps"}],
+        [{**row, "config_hash": "a"} for row in trials],
+    ):
+        with pytest.raises(ValueError, match=refused):
+            benchmark.check_checkpoints(rows)
+    with pytest.raises(ValueError, match=refused):
+        benchmark_page.renewed("", [one, other])
+    with pytest.raises(ValueError, match=refused):
+        plot_benchmark.arranged([one, other])
+
+
+def test_a_policy_is_not_trained_anew_for_the_rest_of_its_cells(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, "ROWS", tmp_path / "rows")
+    cells = plan.tier("must")
+    first, second = [cell for cell in cells if cell.method == "gem" and cell.training.tasks == (BOWL,)]
+    policies = tmp_path / "policies"
+    benchmark.check_policy(first, cells, policies)  # nothing is filed: it may be trained
+    weights = policies / f"{first.training.name}.safetensors"
+    policies.mkdir()
+    weights.write_bytes(b"weights")
+    first.file.parent.mkdir(parents=True)
+    row = row_of(first, checkpoint_sha256=hashlib.sha256(b"weights").hexdigest())
+    first.file.write_text(json.dumps(row) + "\n")
+    benchmark.check_policy(second, cells, policies)
+    benchmark.check_policy(first, cells, policies)
+    weights.write_bytes(b"trained again")
+    with pytest.raises(ValueError, match=r"its policy .* is another one, but other rows of this training are of"):
+        benchmark.check_policy(second, cells, policies)
+    weights.unlink()
+    with pytest.raises(ValueError, match=rf"is missing and would be trained anew, .*{first.file}"):
+        benchmark.check_policy(second, cells, policies)
+    benchmark.check_policy(first, cells, policies)  # its own row may be measured anew
+    benchmark.check_policy(Cell("expert", BOWL), cells, policies)
+
+
 def test_an_episode_below_the_whole_reward_is_not_solved(tmp_path, monkeypatch):
     monkeypatch.setattr(benchmark, "ROWS", tmp_path)
     cell = Cell("expert", BOWL)
@@ -261,6 +327,12 @@ def snakemake(*words):
 def test_snakemake_finds_a_way_to_every_row_of_the_first_tier():
     done = snakemake("--dry-run", "--config", f"clip={clip.EMBEDDED}", "--", "must")
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_snakemake_refuses_to_train_a_lost_policy_anew_for_one_of_its_rows(plan, tmp_path):
+    cell = next(cell for cell in plan.tier("must") if cell.method == "gem-multi")
+    done = snakemake("--dry-run", "--config", f"runs={tmp_path}", "--", str(cell.file))
+    assert done.returncode == 1 and "is missing and would be trained anew" in done.stdout + done.stderr
 
 
 def test_a_folder_of_runs_is_refused_while_another_process_works_in_it(tmp_path):

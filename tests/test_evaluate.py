@@ -142,12 +142,14 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
 
 
 def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
+    (tmp_path / "a-file").write_text("")
     for words, said in (
         (("expert", TASK, "--world", "mars"), "no world is named 'mars'"),
         (("gem", TASK), "gem needs --checkpoint"),
         (("gem", TASK, "--checkpoint", str(tmp_path / "none.safetensors")), "none.safetensors is missing"),
         (("gemini", TASK), "method must be one of gem, "),
         (("expert-rounded", "put-blocks-in-bowl"), "put-block-in-bowl-seen-colors"),
+        (("expert", TASK, "--out", str(tmp_path / "a-file" / "rows.jsonl")), "a-file/rows.jsonl cannot be written"),
     ):
         assert command(*words, measured=False) == 2
         message = capsys.readouterr().err

@@ -107,7 +107,7 @@ class Gallery(ImportingCommand):
 
     @override
     def run(self) -> None:
+        self.file.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
         played = list(tqdm(gallery.stories(self.tasks), "episodes", len(self.tasks), unit="episode"))
-        self.file.parent.mkdir(parents=True, exist_ok=True)
         plot_gallery.show_gallery(played).savefig(self.file, dpi=100)
         print(f"wrote {self.file}; the expert scored {min(story.score for story in played):.2f} or more")

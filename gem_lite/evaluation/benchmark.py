@@ -1,8 +1,9 @@
 """The benchmark as cells: which policy is measured on which task, and how the files of both are named.
 
 A plan is the content of workflow/benchmark.yaml. Snakemake (workflow/Snakefile) turns it into demonstrations, policies
-and rows. The name of each file holds a hash of everything that decides its content. So a file that exists is right, in
-a fresh clone too.
+and rows. The name of each file holds a hash of everything in the plan that decides its content, and not of the program.
+So a row that exists belongs to its cell, in a fresh clone too. A policy that is lost and trained anew need not be the
+same, on another machine or by another version: `check_policy` and `check_checkpoints` refuse to mix the two.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ WORLD = "varied"
 """The world in which the demonstrations are collected."""
 ENTRIES = ("families", "ours", "multi", "tiers", "search", "settings", "longer", "skipped")
 """The entries of a plan."""
+MIXED = {("cliport-multi", 10)}
+"""Methods and numbers of demonstrations whose rows are known to be of two policies. They are being measured again."""
 DIGITS = 12
 """Hexadecimal digits of a hash in a file's name."""
 
@@ -132,6 +135,61 @@ class Cell:
 def stored_rows() -> list[dict]:
     """The rows of all cells that are measured, whatever the plan says now, sorted by task and file."""
     return [row for path in sorted(ROWS.glob("*/*.jsonl")) for row in results.read_rows(path)]
+
+
+def check_checkpoints(rows: Iterable[Mapping[str, Any]]) -> None:
+    """Check that all rows of one method, number of demonstrations, training seed and data are of one checkpoint.
+
+    A policy for several tasks has one set of data. A policy for one task has one for its family, or for its variant.
+    On validation episodes, the trials of a search count as different policies.
+
+    Raises:
+        ValueError: rows are of two checkpoints, and the method with this number is not among `MIXED`.
+    """
+    checkpoints: dict[tuple, dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["checkpoint_sha256"] is None or (row["method"], row["demos"]) in MIXED:
+            continue
+        trial = None if row["split"] == "test" else row["config_hash"]
+        facts = ("method", "demos", "seed", "data_sha256", "clip_fingerprint", "config")
+        policy = (*(row[name] for name in facts), trial)
+        checkpoints.setdefault(policy, {}).setdefault(row["checkpoint_sha256"], row)
+    for (method, demos, seed, *_), by_checkpoint in checkpoints.items():
+        if len(by_checkpoint) > 1:
+            named = ", ".join(f"{sha[:12]} on {row['task']}" for sha, row in by_checkpoint.items())
+            raise ValueError(
+                f"the rows of {method} with {demos} demonstrations and the training seed {seed} are of several "
+                f"policies, {named}: remove the rows of all but one, and measure them again with this one"
+            )
+
+
+def check_policy(cell: Cell, cells: Iterable[Cell], policies: Path) -> None:
+    """Check that a cell would be measured with the policy of which the other cells of its training are filed.
+
+    Args:
+        cells: all cells of the plan.
+        policies: the folder of the checkpoints.
+
+    Raises:
+        ValueError: other cells are filed, and the checkpoint is missing, so that a policy would be trained anew, or it
+            is another one.
+    """
+    filed = {}
+    for other in cells:
+        row = other.row() if other.training == cell.training and other != cell else None
+        if row:
+            filed[row["checkpoint_sha256"]] = other.file
+    if cell.training is None or not filed:
+        return
+    path = policies / f"{cell.training.name}.safetensors"
+    present = hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
+    if set(filed) != {present}:
+        state = "is another one" if present else "is missing and would be trained anew"
+        rows = ", ".join(f"{sha[:12]} of {file}" for sha, file in filed.items())
+        raise ValueError(
+            f"{cell.name} on {cell.task}: its policy {path} {state}, but other rows of this training are of the "
+            f"checkpoints {rows}: bring this checkpoint back, or remove all rows of this training to measure them anew"
+        )
 
 
 def _digest(facts: Mapping[str, Any]) -> str:

@@ -203,6 +203,7 @@ def evaluate(
     Raises:
         ValueError: an unknown method, task, split or world, a checkpoint that is not the method's, or no episode.
         FileNotFoundError: no such checkpoint.
+        ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
     parts = workers.chunks(start, episodes, skip)
     style = worlds.style(world)
@@ -210,7 +211,7 @@ def evaluate(
     make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors are raised here, not in a worker.
     jobs = [Job(method, settings, checkpoint, clip_name, style, task_name, split, part) for part in parts]
     label = f"{method} on {task_name}"
-    return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, episodes, processes)
+    return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, processes)
 
 
 def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dict) -> list[dict]:
@@ -241,19 +242,22 @@ def measure_and_file(
         ValueError: see `evaluate`; there is no such preset; a checkpoint has a preset of its own; or ``path`` holds a
             row over more episodes, which is checked before measuring.
         FileNotFoundError: no such checkpoint.
+        OSError: ``path`` cannot be written, which is checked before measuring, too.
+        ChildProcessError: a process was killed; nothing is filed then.
     """
     settings = Config.preset(preset)
     if checkpoint is not None and settings != LITE:
         raise ValueError(f"preset must be left out, because the checkpoint {checkpoint} has its own, got {preset!r}")
     method, facts = _name_and_facts(method, task_name, split, checkpoint, settings)
-    facts = {"world": world, "split": split, "start": start} | facts
+    last = workers.chunks(start, episodes, skip)[-1][-1]
+    skipped = sorted(index for index in skip if start <= index < last)
+    facts = {"world": world, "split": split, "start": start, "skipped": skipped} | facts
     expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)  # Before hours of measuring, not after them.
     measured = evaluate(
         method, task_name, episodes, split, start, settings=settings, checkpoint=checkpoint, clip_name=clip_name,
         processes=processes, world=world, skip=skip,
     )  # fmt: skip
-    facts["skipped"] = sorted(index for index in skip if start <= index < measured[-1].index)
     rows = rows_of(method, task_name, measured, facts)
     results.file_rows(rows, path)
     return rows

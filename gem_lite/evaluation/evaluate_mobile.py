@@ -22,7 +22,8 @@ from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.worlds import WorldStyle
 
 TASKS = tasks.variants("object-sorting")
-IDENTITY = (*(name for name in results.IDENTITY if name != "subset"), "tables", "poses", "shift", "turn")
+_SHARED = (name for name in results.IDENTITY if name not in ("subset", "skipped"))
+IDENTITY = (*_SHARED, "tables", "poses", "shift", "turn")
 """The entries that identify a row of these results."""
 
 
@@ -157,7 +158,7 @@ def measure(
     style = worlds.style(world)
     check(checkpoint, [task_name], split, clip_name, tables)  # Errors are raised here, not in a worker.
     jobs = [Job(checkpoint, clip_name, style, task_name, split, part, tuple(conditions), tables) for part in parts]
-    return workers.run_jobs(run_job, jobs, lambda outcome: outcome.rewards[0], task_name, episodes, processes)
+    return workers.run_jobs(run_job, jobs, lambda outcome: outcome.rewards[0], task_name, processes)
 
 
 def rows_of(outcomes: Sequence[Outcome], conditions: Sequence[Condition], facts: dict) -> list[dict]:

@@ -6,8 +6,6 @@ Nothing is trained for it. It follows Zhang et al., "Top-down Neural Attention b
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,12 +13,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
 from gem_lite import clip, colors, demonstrations, tasks
 from gem_lite.clip import Clip
-from gem_lite.evaluation import results, statistics
+from gem_lite.evaluation import results, statistics, workers
 from gem_lite.evaluation.pointing_scenes import (
     PACKING,
     Scene,
@@ -158,15 +155,25 @@ def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: G
     ]
 
 
-def _run_chunk(chunk: tuple[str, list[int], str | None, CropMemory | None, GemConfig]) -> list[Pointing]:
-    kind, seeds, clip_name, memory, settings = chunk
-    torch.set_num_threads(1)
-    model = clip.load(clip_name)
+@dataclass(frozen=True)
+class Job:
+    """A few scenes for one process; see `play` for what the attributes mean. ``indices`` are the scenes' seeds."""
+
+    kind: str
+    indices: Sequence[int]
+    clip_name: str | None
+    memory: CropMemory | None
+    settings: GemConfig
+
+
+def run_job(job: Job) -> list[Pointing]:
+    """The scenes of a job, one after the other in one world."""
+    model = clip.load(job.clip_name)
     with World() as world:
         return [
             pointing
-            for seed in seeds
-            for pointing in play_scene(lay_out(kind, world, seed, settings), model, memory, settings)
+            for seed in job.indices
+            for pointing in play_scene(lay_out(job.kind, world, seed, job.settings), model, job.memory, job.settings)
         ]
 
 
@@ -182,20 +189,13 @@ def play(
 
     Raises:
         ValueError: an unknown kind, or less than one scene.
+        ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
     check_kind(kind)
     seeds = scene_seeds(scenes)
     _ = clip.load(clip_name).calibration  # Calibrated here, so that not every worker has to do it.
-    chunks = [(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
-    pointings: list[Pointing] = []
-    with (
-        multiprocessing.get_context("spawn").Pool(min(processes or os.cpu_count() or 1, len(chunks))) as pool,
-        tqdm(total=scenes, desc=f"pointing, {kind}", unit="scene") as bar,
-    ):
-        for chunk, part in zip(chunks, pool.imap(_run_chunk, chunks), strict=True):
-            pointings += part
-            bar.update(len(chunk[1]))
-    return pointings
+    jobs = [Job(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
+    return workers.run_jobs(run_job, jobs, lambda pointing: float(pointing.near), f"pointing, {kind}", processes)
 
 
 def demonstrated_crops(kind: str, model: Clip, settings: GemConfig = LITE) -> CropMemory:
@@ -249,7 +249,7 @@ def result_rows(kind: str, pointings: Sequence[Pointing], facts: dict) -> list[d
             "episodes": len(set(seeds)), "scene_count": len({p.seed for p in of_map}),
             "phrases": len(of_map), "without_crop": phrase_count - len(of_map),
             "missed": [[p.seed, p.phrase] for p in of_map if not p.near] if name == "fused" else None,
-            "seeds": [min(seeds), max(seeds)], **facts, "plateau": semantic_map.PLATEAU,
+            "seeds": [min(seeds), max(seeds)], "plateau": semantic_map.PLATEAU, **facts,
             "date": datetime.now(UTC).date().isoformat(),
         })  # fmt: skip
     return rows
@@ -258,15 +258,23 @@ def result_rows(kind: str, pointings: Sequence[Pointing], facts: dict) -> list[d
 def measure_scenes(
     kind: str, scenes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
 ) -> list[dict]:
-    """`play` scenes of a kind with every map, and file the rows in ``path``. Raises ValueError as `play`."""
+    """`play` scenes of a kind with every map, and file the rows in ``path``.
+
+    Raises:
+        ValueError: see `play`, or ``path`` holds a row over more episodes, which is checked before playing.
+        OSError: ``path`` cannot be written, which is checked before playing, too.
+        ChildProcessError: a process was killed; nothing is filed then.
+    """
     scene_seeds(scenes)
     model = clip.load(clip_name)
     memory = demonstrated_crops(kind, model, settings)
     facts = results.facts_of(None, settings)
     facts = {
         "world": "home", "clip": model.name, "clip_fingerprint": model.fingerprint, "config": facts["config"],
-        "config_hash": facts["config_hash"], "crops": len(memory.entries),
+        "config_hash": facts["config_hash"], "crops": len(memory.entries), "plateau": semantic_map.PLATEAU,
     }  # fmt: skip
+    expected = [{"kind": "pointing", "scenes": kind, "map": name, "episodes": scenes, **facts} for name in MAPS]
+    results.check_rows(expected, path, IDENTITY)
     rows = result_rows(kind, play(kind, scenes, memory, clip_name, settings), facts)
     results.file_rows(rows, path, IDENTITY)
     return rows
@@ -279,10 +287,11 @@ def measure_packing(
 
     Raises:
         ValueError: see `play_packing`, or ``path`` holds a row over more episodes, which is checked before playing.
+        OSError: ``path`` cannot be written, which is checked before playing, too.
     """
     model = clip.load(clip_name)
     facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
-    facts |= {"world": "home", "split": "test", "start": 0}
+    facts |= {"world": "home", "split": "test", "start": 0, "skipped": []}
     expected = {"method": METHOD, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)
     row = results.result_row(METHOD, task_name, play_packing(task_name, episodes, model, settings), "all", facts)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import filelock
 import numpy as np
 
 from gem_lite.evaluation import statistics
@@ -32,12 +34,19 @@ CARD_ENTRIES = (
 )
 """Entries that a row copies from a checkpoint's card; None without a checkpoint, or where an old card lacks one."""
 IDENTITY = (
-    "method", "task", "subset", "world", "split", "start", "demos", "data_sha256", "seed", "steps", "config",
+    "method", "task", "subset", "world", "split", "start", "skipped", "demos", "data_sha256", "seed", "steps", "config",
     "config_hash", "clip_fingerprint", "checkpoint_sha256",
 )  # fmt: skip
-"""The entries that identify a row: all that change its meaning, except the number of episodes."""
+"""The entries that identify a row: all that change its meaning, except the number of episodes and `ACTING_RULES`."""
+ACTING_RULES = 2
+"""The version of what a policy does with its maps besides its networks: gates, forbidden actions, retries.
+
+Raise it when a change of the library lets the same weights act in another way. A row holds the version under which it
+was measured (1 where it holds none), and `is_outdated` says whether it is an older one."""
 DIFFER_BY_SEED = ("seed", "checkpoint_sha256")
 """Entries in which the rows of one `Score` may differ, since it holds several training seeds."""
+LOCK = ".lock"
+"""The file in a folder of rows that a process locks while it reads and writes them."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +99,18 @@ def reward_entries(rewards: dict[int, float]) -> dict:
     mean, interval = statistics.mean_and_interval(list(rewards.values()))
     return {
         "episodes": len(rewards), "mean": mean, "ci95": list(interval), "interval": statistics.INTERVAL,
-        "rewards": {str(index): round(reward, 4) for index, reward in rewards.items()},
+        "rewards": {str(index): round(reward, 4) for index, reward in rewards.items()}, "acting_rules": ACTING_RULES,
         "date": datetime.now(UTC).date().isoformat(),
     }  # fmt: skip
 
 
 def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset: str, facts: dict) -> dict:
-    """One row. ``facts`` holds the other entries that identify it, see `facts_of`.
+    """One row. ``facts`` holds the other entries that identify it, see `facts_of`; without ``skipped``, none was.
 
     ``placed_decisions`` counts the actions that were chosen while a body already lay where the sentences want it.
     ``retaken`` counts those of them that picked such a body.
     """
-    names = {"method": method, "task": task_name, "subset": subset}
+    names = {"method": method, "task": task_name, "subset": subset, "skipped": []}
     counts = {
         "placed_decisions": sum(episode.placed_decisions for episode in episodes),
         "retaken": sum(episode.retaken for episode in episodes),
@@ -121,22 +130,35 @@ def output(filed: bool, path: Path | None, name: str) -> Path:
     return path or (RESULTS if filed else RUNS) / f"{name}.jsonl"
 
 
+def is_outdated(row: Mapping[str, object]) -> bool:
+    """Whether a row was measured under an earlier version of `ACTING_RULES`. Those of scripted methods never are."""
+    return row.get("clip_fingerprint") is not None and row.get("acting_rules", 1) != ACTING_RULES
+
+
 def read_rows(path: Path) -> list[dict]:
     """The rows of a JSON-lines file; none if there is no such file. Raises ValueError naming a line that is no row."""
     lines = path.read_bytes().splitlines() if path.exists() else []
     rows = [read_json(line, f"line {number} of {path}") for number, line in enumerate(lines, start=1)]
     for number, row in enumerate(rows, start=1):
-        wrong = [name for name in IDENTITY if isinstance(row.get(name), dict | list)]
+        wrong = [name for name in IDENTITY if name != "skipped" and isinstance(row.get(name), dict | list)]
         episodes = row.get("episodes", 0)
         if isinstance(episodes, bool) or not isinstance(episodes, int):
             wrong.append("episodes")
+        skipped = row.get("skipped") or []
+        if not isinstance(skipped, list) or not all(isinstance(index, int) for index in skipped):
+            wrong.append("skipped")
         if wrong:
             raise ValueError(f"line {number} of {path} is no row: see its {', '.join(wrong)}")
     return rows
 
 
+def _entry(row: dict, name: str) -> object:
+    """An entry that identifies a row, as something that can be compared; rows without ``skipped`` skipped nothing."""
+    return tuple(row.get(name) or ()) if name == "skipped" else row.get(name)
+
+
 def _key(row: dict, identity: Sequence[str]) -> tuple:
-    return tuple(row.get(name) for name in identity)
+    return tuple(_entry(row, name) for name in identity)
 
 
 def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
@@ -144,10 +166,21 @@ def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENT
 
     Raises:
         ValueError: a row lacks an entry of ``identity``, or the file holds such a row over more episodes.
+        OSError: the folder of ``path`` cannot be made or written.
     """
+    _check_names(rows, path, identity)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise OSError(f"{path} cannot be written: {error}") from error
+
+
+def _check_names(rows: Sequence[dict], path: Path, identity: Sequence[str]) -> None:
     filed = {_key(row, identity): row for row in read_rows(path)}
     for row in rows:
-        row_name = ", ".join(f"{name} {row[name]}" for name in identity if row.get(name) is not None)
+        row_name = ", ".join(f"{name} {row[name]}" for name in identity if row.get(name) not in (None, []))
         missing = [name for name in identity if name not in row]
         if missing:
             raise ValueError(f"the row ({row_name}) lacks {', '.join(missing)}: measure it again with this version")
@@ -162,13 +195,24 @@ def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENT
 def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
     """Append rows to a JSON-lines file. An old row with the same ``identity`` is replaced.
 
+    One process at a time reads and writes the file; the others wait. If the file cannot be written, the rows are
+    printed, so that what was measured is not lost.
+
     Raises:
         ValueError: see `check_rows`; nothing is written then.
+        OSError: the file cannot be written.
     """
-    check_rows(rows, path, identity)
-    new_keys = {_key(row, identity) for row in rows}
-    kept = [row for row in read_rows(path) if _key(row, identity) not in new_keys]
-    write_atomically(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with filelock.FileLock(path.parent / LOCK):
+            _check_names(rows, path, identity)
+            new_keys = {_key(row, identity) for row in rows}
+            kept = [row for row in read_rows(path) if _key(row, identity) not in new_keys]
+            write_atomically(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
+    except OSError as error:
+        for row in rows:
+            print(json.dumps(row))
+        raise OSError(f"{path} cannot be written, its rows are printed instead: {error}") from error
 
 
 # Reading
@@ -183,6 +227,7 @@ class Score:
         mean, interval: 0-100, with 95 %, over episodes and seeds (`statistics.mean_and_interval`).
         cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
         episodes: the episodes' indices.
+        outdated: whether a row was measured under earlier rules (`is_outdated`).
     """
 
     rewards: np.ndarray
@@ -190,6 +235,7 @@ class Score:
     interval: tuple[float, float]
     cpu_seconds: float | None
     episodes: tuple[int, ...]
+    outdated: bool = False
 
     def __str__(self) -> str:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
@@ -223,7 +269,7 @@ def pool(rows: Sequence[dict], identity: Sequence[str] = IDENTITY) -> Score:
     """
     pair = "{method} on {task}".format(**rows[0])
     for name in identity:
-        values = list(dict.fromkeys(row.get(name) for row in rows))
+        values = list(dict.fromkeys(_entry(row, name) for row in rows))
         if len(values) > 1 and name not in DIFFER_BY_SEED:
             raise LookupError(f"rows of {pair} differ in {name}: {', '.join(map(str, values))}; ask for one of them")
     seeds = [row["seed"] for row in rows]
@@ -240,7 +286,8 @@ def pool(rows: Sequence[dict], identity: Sequence[str] = IDENTITY) -> Score:
     rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
     seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
     mean, interval = statistics.mean_and_interval(rewards)
-    return Score(rewards, mean, interval, float(np.mean(seconds)) if seconds else None, tuple(indices))
+    cpu_seconds = float(np.mean(seconds)) if seconds else None
+    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(is_outdated, rows)))
 
 
 def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:

@@ -18,7 +18,9 @@ BLOCK = 128
 """Episodes whose weights are drawn at once, so that memory does not grow with their number."""
 
 
-def bounded_interval(values: ArrayLike, low: float, high: float) -> tuple[float, float]:
+def bounded_interval(
+    values: ArrayLike, low: float, high: float, weights: ArrayLike | None = None
+) -> tuple[float, float]:  # fmt: skip
     """Gaffke's 95 % interval for the mean of a variable in [``low``, ``high``], from independent draws of it.
 
     Each value gets a random weight; all weights together are uniform on the simplex. One more value, the
@@ -32,21 +34,34 @@ def bounded_interval(values: ArrayLike, low: float, high: float) -> tuple[float,
     Confidence Interval for the Mean of a Bounded Random Variable" (arXiv:1905.06208). That it covers the mean
     in 95 % is proven for two values and conjectured for all; the tests check it by simulation.
 
+    The draws may be of several variables, such as the rewards of several tasks. Then the interval is for the mean of
+    their means. It is rather too wide, since it counts the differences between the variables as chance. For values of
+    0 and 1 with one weight, this is proven (Hoeffding, Annals of Mathematical Statistics, 1956).
+
     Args:
         values: (episodes,).
+        weights: (episodes,), above 0, if not every value counts the same: the interval is for the weighted mean. The
+            worst possible value gets the largest weight, as in Fay and Feuer (Statistics in Medicine, 1997).
 
     Raises:
         ValueError: ``values`` has another shape, is empty or lies outside [``low``, ``high``].
     """
-    values = np.sort(np.asarray(values, float))
+    values = np.asarray(values, float)
     if values.ndim != 1 or not values.size:
         raise ValueError(f"values must be of the shape (episodes,) with at least one episode, got {values.shape}")
-    if not (values[0] >= low and values[-1] <= high):  # NaN, which is sorted to the end, is refused as well
-        raise ValueError(f"values must lie in [{low}, {high}], got {values[0]} to {values[-1]}")
-    lower = _two_valued(np.append(values, low), TAIL)
-    upper = _two_valued(np.append(values, high), 1 - TAIL)
+    if not (values.min() >= low and values.max() <= high):  # NaN is refused as well
+        raise ValueError(f"values must lie in [{low}, {high}], got {values.min()} to {values.max()}")
+    weights = np.ones(len(values)) if weights is None else np.asarray(weights, float) / np.max(weights)
+    order = np.lexsort((weights, values))
+    values = values[order]
+    weights = weights[order]
+    lower = None
+    upper = None
+    if weights.min() == 1:
+        lower = _two_valued(np.append(values, low), TAIL)
+        upper = _two_valued(np.append(values, high), 1 - TAIL)
     if lower is None or upper is None:
-        below, above = _weighted_means(values, low, high)
+        below, above = _weighted_means(values, weights, low, high)
         lower = float(np.quantile(below, TAIL)) if lower is None else lower
         upper = float(np.quantile(above, 1 - TAIL)) if upper is None else upper
     return lower, upper
@@ -63,19 +78,21 @@ def _two_valued(values: np.ndarray, level: float) -> float | None:
     return float(different[0] + (different[1] - different[0]) * share)
 
 
-def _weighted_means(values: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def _weighted_means(
+    values: np.ndarray, weights: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Draws (`DRAWS`,) of the weighted mean: with ``low``, and with ``high`` as the additional value."""
     rng = np.random.default_rng(0)
     additional = rng.standard_exponential(DRAWS)
-    weights = additional.copy()
+    weight = additional.copy()
     total = np.zeros(DRAWS)
     for first in range(0, len(values), BLOCK):
-        block = values[first : first + BLOCK]
+        block = slice(first, first + BLOCK)
         # Exponential weights, divided by their sum, are uniform on the simplex.
-        drawn = rng.standard_exponential((len(block), DRAWS))
-        total += block @ drawn
-        weights += drawn.sum(axis=0)
-    return (total + low * additional) / weights, (total + high * additional) / weights
+        drawn = rng.standard_exponential((len(values[block]), DRAWS))
+        total += (weights[block] * values[block]) @ drawn
+        weight += weights[block] @ drawn
+    return (total + low * additional) / weight, (total + high * additional) / weight
 
 
 def seed_half_width(*methods: np.ndarray) -> float:
@@ -105,12 +122,12 @@ def _check(rewards: ArrayLike) -> np.ndarray:
     return rewards
 
 
-def _widened(mean: float, ends: tuple[float, float], half_width: float) -> tuple[float, float]:
+def widened(mean: float, ends: tuple[float, float], half_width: float) -> tuple[float, float]:
     """An interval around ``mean``, widened by an independent half width on both sides: the squares add up."""
     return mean - float(np.hypot(mean - ends[0], half_width)), mean + float(np.hypot(ends[1] - mean, half_width))
 
 
-def _percent(share: float) -> float:
+def percent(share: float) -> float:
     """0-100, rounded to 0.1; never minus zero."""
     return round(100 * share, 1) + 0.0
 
@@ -134,8 +151,8 @@ def mean_and_interval(rewards: ArrayLike) -> tuple[float, tuple[float, float]]:
     """
     rewards = _check(rewards)
     mean = float(rewards.mean())
-    low, high = _widened(mean, bounded_interval(rewards.mean(axis=0), 0.0, 1.0), seed_half_width(rewards))
-    return _percent(mean), (_percent(max(low, 0.0)), _percent(min(high, 1.0)))
+    low, high = widened(mean, bounded_interval(rewards.mean(axis=0), 0.0, 1.0), seed_half_width(rewards))
+    return percent(mean), (percent(max(low, 0.0)), percent(min(high, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -184,6 +201,6 @@ def paired_difference(first: ArrayLike, second: ArrayLike) -> Difference:
             raise ValueError(f"{name} must lie in [0, 1], got {rewards.min()} to {rewards.max()}")
     differences = first_rewards.mean(axis=0) - second_rewards.mean(axis=0)
     mean = float(differences.mean())
-    low, high = _widened(mean, bounded_interval(differences, -1.0, 1.0), seed_half_width(first_rewards, second_rewards))
-    interval = (_percent(max(low, -1.0)), _percent(min(high, 1.0)))
-    return Difference(_percent(mean), interval, (len(first_rewards), len(second_rewards)))
+    low, high = widened(mean, bounded_interval(differences, -1.0, 1.0), seed_half_width(first_rewards, second_rewards))
+    interval = (percent(max(low, -1.0)), percent(min(high, 1.0)))
+    return Difference(percent(mean), interval, (len(first_rewards), len(second_rewards)))

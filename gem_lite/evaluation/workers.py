@@ -5,8 +5,11 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Collection, Sequence
-from typing import TypeVar
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
+from typing import Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -16,8 +19,18 @@ from gem_lite import registry
 
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
-Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
+
+
+class Job(Protocol):
+    """A part of the episodes: their ``indices``, and whatever else a process needs to run them."""
+
+    @property
+    def indices(self) -> Sequence[int]:
+        """The indices of the episodes."""
+
+
+AnyJob = TypeVar("AnyJob", bound=Job)
 
 
 def chunks(start: int, episodes: int, skip: Collection[int] = ()) -> list[list[int]]:
@@ -36,8 +49,8 @@ def chunks(start: int, episodes: int, skip: Collection[int] = ()) -> list[list[i
 
 
 def run_jobs(
-    run: Callable[[Job], list[Outcome]], jobs: Sequence[Job], reward: Callable[[Outcome], float], label: str,
-    episodes: int, processes: int | None = None,
+    run: Callable[[AnyJob], list[Outcome]], jobs: Sequence[AnyJob], reward: Callable[[Outcome], float], label: str,
+    processes: int | None = None,
 ) -> list[Outcome]:  # fmt: skip
     """The outcomes of all jobs, in their order, with a progress bar.
 
@@ -50,23 +63,52 @@ def run_jobs(
         jobs: the arguments of ``run``, each for a part of the episodes.
         reward: gives an outcome's reward, for the running mean.
         label: the progress bar's text.
-        episodes: the number of all episodes.
         processes: how many run at once; by default as many as there are cores.
+
+    Raises:
+        ChildProcessError: a process was killed, such as for lack of memory. The message names the episodes that were
+            being run; the outcomes of those before are printed.
     """
     count = min(processes or os.cpu_count() or 1, len(jobs))
+    waiting = list(enumerate(jobs))
+    running: dict[futures.Future[list[Outcome]], int] = {}
+    done: dict[int, list[Outcome]] = {}
     context = multiprocessing.get_context("spawn")
-    outcomes: list[Outcome] = []
-    with (
-        context.Pool(count, _start, (registry.modules(),)) as pool,
-        tqdm(total=episodes, desc=label, unit="episode") as bar,
-    ):
-        for part in pool.imap(run, jobs):
-            outcomes += part
-            bar.update(len(part))
-            bar.set_postfix(mean=f"{100 * np.mean([reward(outcome) for outcome in outcomes]):.1f}")
-    return outcomes
+    pool = futures.ProcessPoolExecutor(count, context, _start, (registry.modules(),))
+    bar = tqdm(total=sum(len(job.indices) for job in jobs), desc=label, unit="episode")
+    with pool, bar:
+        try:
+            while waiting or running:
+                while waiting and len(running) < count:  # no more, so that it is known which ones are being run
+                    number, job = waiting.pop(0)
+                    running[pool.submit(run, job)] = number
+                ended = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
+                for future in sorted(ended, key=lambda future: future.exception() is not None):  # good ones first
+                    done[running[future]] = future.result()
+                    bar.update(len(jobs[running.pop(future)].indices))
+                measured = [reward(outcome) for part in done.values() for outcome in part]
+                bar.set_postfix(mean=f"{100 * np.mean(measured):.1f}")
+        except BrokenProcessPool as error:
+            for number in sorted(done):
+                print(*done[number], sep="\n")
+            lost = sorted(index for number in running.values() for index in jobs[number].indices)
+            raise ChildProcessError(
+                f"{label}: a process was killed (is the memory too small?) while the episodes "
+                f"{', '.join(map(str, lost))} were being run; nothing is filed, and the outcomes of the "
+                f"{sum(len(jobs[number].indices) for number in done)} episodes that were complete are printed"
+            ) from error
+    return [outcome for number in sorted(done) for outcome in done[number]]
 
 
 def _start(modules: tuple[str, ...]) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     torch.set_num_threads(1)
     registry.load(modules)
+
+
+def _end_with_parent() -> None:
+    """Without this, a process would wait for its next job for ever after its parent was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.statistics import Difference
-from gem_lite.evaluation.summaries import MeanAndInterval, mean_of_means
+from gem_lite.evaluation.summaries import MeanAndInterval, mean_over_tasks
 from gem_lite.figures.plots import MAP_COLORS, SAFE_COLORS
 
-Row = Mapping[str, object]
+Row = dict[str, Any]
 """A row of results, see `gem_lite.evaluation.results`."""
+MARK = "†"
+"""Behind a number of rows that are outdated (`results.is_outdated`)."""
+NOTE = f"{MARK} Measured by an earlier version of this library, in which policies acted by other rules."
+"""Below a table with a `MARK`."""
 Table = dict[str, dict[str, Row]]
 """The rows by column and task. A column is a method with its number of demonstrations and its training seed."""
 
@@ -35,8 +41,9 @@ def arranged(rows: Sequence[Row]) -> Table:
     """The rows over all test episodes, by column and task.
 
     Raises:
-        ValueError: two rows have the same column and task.
+        ValueError: two rows have the same column and task, or see `benchmark.check_checkpoints`.
     """
+    benchmark.check_checkpoints(rows)
     table: Table = {}
     for row in rows:
         if row["split"] != "test" or row["subset"] != "all":
@@ -58,31 +65,39 @@ def markdown(table: Table, tasks: Sequence[str], averaged: Sequence[str] | None 
         averaged: the tasks of the mean; all without it. The others get a star.
     """
     averaged = tasks if averaged is None else averaged
-    head = f"| task | {' | '.join(table)} |"
-    lines = [head, "|---|" + "---|" * len(table)]
+    lines = []
     for task in tasks:
-        cells = []
-        for column in table.values():
-            row = column.get(task)
-            cells.append(_cell(_interval(row)) if row else "")
         star = "" if task in averaged else "*"
-        lines.append(f"| {task}{star} | {' | '.join(cells)} |")
-    means = []
-    for column in table.values():
-        complete = all(task in column for task in averaged)
-        means.append(_cell(mean_of_means([_interval(column[task]) for task in averaged])) if complete else "")
-    lines.append(f"| **mean of the {len(averaged)}** | {' | '.join(means)} |")
-    return "\n".join(lines) + "\n"
+        cells = [cell(column[task]) if task in column else "" for column in table.values()]
+        lines.append([f"{task}{star}", *cells])
+    means = [_mean_cell(column, averaged) for column in table.values()]
+    return lines_of(["task", *table], [*lines, [f"**mean of the {len(averaged)}**", *means]])
 
 
-def _interval(row: Row) -> MeanAndInterval:
-    low, high = map(float, row["ci95"])  # type: ignore[call-overload]
-    return float(str(row["mean"])), (low, high)
+def lines_of(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A Markdown table from the texts of its cells, with the `NOTE` below it if a cell has the `MARK`."""
+    rows = [head, ["---"] * len(head), *lines]
+    text = "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+    return f"{text}\n{NOTE}\n" if MARK in text else text
 
 
-def _cell(value: MeanAndInterval) -> str:
-    mean, (low, high) = value
-    return f"{mean:.1f} [{low:.1f}, {high:.1f}]"
+def cell(row: Row) -> str:
+    """A row as "mean [low, high]", with the `MARK` if it is outdated."""
+    return interval_text(float(row["mean"]), row["ci95"]) + (MARK if results.is_outdated(row) else "")
+
+
+def interval_text(mean: float, ends: Sequence[float], sign: str = "") -> str:
+    """A mean and the ends of its interval, with one digit; ``sign`` is "+" for a difference."""
+    low, high = ends
+    return f"{mean:{sign}.1f} [{low:{sign}.1f}, {high:{sign}.1f}]"
+
+
+def _mean_cell(column: Mapping[str, Row], tasks: Sequence[str]) -> str:
+    """The mean over tasks as in `cell`; empty if a task is not measured."""
+    if not all(task in column for task in tasks):
+        return ""
+    scores = {task: results.pool([column[task]]) for task in tasks}
+    return interval_text(*mean_over_tasks(scores)) + (MARK if any(s.outdated for s in scores.values()) else "")
 
 
 def show_table(table: Table, tasks: Sequence[str]) -> Figure:

@@ -33,8 +33,8 @@ SMALL = dataclasses.replace(
 )  # fmt: skip
 ROW = {
     "method": "gem", "task": "bars-in-box", "subset": "all", "episodes": 2, "mean": 50.0, "ci95": [1.3, 98.7],
-    "world": "home", "split": "test", "start": 0, "demos": 10, "data_sha256": "0a", "seed": 0, "steps": 1500,
-    "config": "lite", "config_hash": "1b", "clip_fingerprint": "2c", "checkpoint_sha256": "3d",
+    "world": "home", "split": "test", "start": 0, "skipped": [], "demos": 10, "data_sha256": "0a", "seed": 0,
+    "steps": 1500, "config": "lite", "config_hash": "1b", "clip_fingerprint": "2c", "checkpoint_sha256": "3d",
     "rewards": {"0": 1.0, "1": 0.0},
 }  # fmt: skip
 VALUES = st.one_of(
