@@ -141,6 +141,7 @@ def check_checkpoints(rows: Iterable[Mapping[str, Any]]) -> None:
     """Check that all rows of one method, number of demonstrations, training seed and data are of one checkpoint.
 
     A policy for several tasks has one set of data. A policy for one task has one for its family, or for its variant.
+    Methods that differ by rules of acting alone have one policy (`methods.trained`).
     On validation episodes, the trials of a search count as different policies.
 
     Raises:
@@ -151,8 +152,8 @@ def check_checkpoints(rows: Iterable[Mapping[str, Any]]) -> None:
         if row["checkpoint_sha256"] is None or (row["method"], row["demos"]) in MIXED:
             continue
         trial = None if row["split"] == "test" else row["config_hash"]
-        facts = ("method", "demos", "seed", "data_sha256", "clip_fingerprint", "config")
-        policy = (*(row[name] for name in facts), trial)
+        facts = ("demos", "seed", "data_sha256", "clip_fingerprint", "config")
+        policy = (methods.trained(row["method"]), *(row[name] for name in facts), trial)
         checkpoints.setdefault(policy, {}).setdefault(row["checkpoint_sha256"], row)
     for (method, demos, seed, *_), by_checkpoint in checkpoints.items():
         if len(by_checkpoint) > 1:
@@ -273,7 +274,8 @@ class Plan:
             seeds = group.get("seeds", [0])
             named = group.get("worlds", [HOME.name])
             for demos, seed, task, world in itertools.product(group["demos"], seeds, wanted, named):
-                training = self._training(method, task, demos, seed, group.get("steps"))
+                # A method that differs from another by rules of acting alone has the other's policy.
+                training = self._training(methods.trained(method), task, demos, seed, group.get("steps"))
                 skipped = self.skipped.get(task, ())
                 yield Cell(method, task, training, episodes=episodes, skipped=skipped, world=world)
 
