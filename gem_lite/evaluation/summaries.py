@@ -185,11 +185,12 @@ def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:
     endings = {name: methods.split(name) for name in {row["method"] for row in trained}}
     whole = [row for row in trained if row["seed"] == 0 and set(endings[row["method"]][1]) <= {MULTI_TASK}]
     of_gem = [row for row in trained if endings[row["method"]][0] == "gem" and (row["seed"], row["demos"]) == (0, 10)]
-    ablated = {row["task"] for row in of_gem if set(endings[row["method"]][1]) - {MULTI_TASK}}
+    of_gem = [row for row in of_gem if MULTI_TASK not in endings[row["method"]][1]]
+    ablated = {row["task"] for row in of_gem if endings[row["method"]][1]}
     reseeded = {(row["method"], row["task"], row["demos"]) for row in trained if row["seed"] != 0}
     tables = {
         "table-1": whole,
-        "table-a2": [row for row in of_gem if row["task"] in ablated and MULTI_TASK not in endings[row["method"]][1]],
+        "table-a2": [row for row in of_gem if row["task"] in ablated],
         "ceilings": scripted,
         "seeds": [row for row in trained if (row["method"], row["task"], row["demos"]) in reseeded],
     }

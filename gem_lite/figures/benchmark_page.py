@@ -17,7 +17,7 @@ from gem_lite.evaluation.summaries import (
     weighted_sum,
 )
 from gem_lite.figures import experiment_tables
-from gem_lite.figures.experiment_tables import OVERVIEW, Rows, at_home, lead, named, signed
+from gem_lite.figures.experiment_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
 from gem_lite.figures.plot_benchmark import MARK, Row, Table, interval_text, lines_of, markdown
 
 OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
@@ -182,7 +182,7 @@ def training_seeds(rows: Rows) -> str:
         cells = []
         for score in measured:
             means = ", ".join(f"{100 * rewards.mean():.1f}" for rewards in score.rewards)
-            cells.append(f"{score}{MARK if score.outdated else ''} ({means})")
+            cells.append(f"{score_cell(score)} ({means})")
         lines.append([named(task), *cells, *(lead(gem, rival) for rival in rivals)])
     titles = [OVERVIEW[name] for name in COMPARED]
     return lines_of(["task", *titles, *(f"GEM - {title}" for title in titles[1:])], lines)
@@ -202,6 +202,7 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
     "place angle": experiment_tables.place_angle,
     "worlds": experiment_tables.worlds,
     "search": experiment_tables.search,
+    "rules": experiment_tables.rules,
 }
 """By the name in a page's comments, what makes the table of the benchmark's rows."""
 OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {

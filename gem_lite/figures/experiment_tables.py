@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
-from gem_lite.evaluation.summaries import COMPARED
+from gem_lite.evaluation.summaries import COMPARED, scores
 from gem_lite.figures.plot_benchmark import MARK, Row, cell, interval_text, lines_of
 
 OVERVIEW = {
@@ -56,6 +56,13 @@ SIZES = {
     "twice hard": ("2 x hard", "8 x nominal"),
 }
 """Sizes of these errors, and their names in rows."""
+RULES = (
+    ("GEM-multi", "location words", "gem-multi", "gem-without-locations-multi"),
+    ("GEM-multi", "near the peak", "gem-multi", "gem-without-peak-multi"),
+    ("GEM-multi", '"and"', "gem-multi", "gem-without-conjuncts-multi"),
+    ("CLIPort-multi", "all three", "cliport-with-map-rules-multi", "cliport-multi"),
+)
+"""A policy, rules of acting, and the methods as which it acts with and without them."""
 Rows = Sequence[Row]
 """Rows of results."""
 
@@ -74,6 +81,11 @@ def at_home(rows: Rows, method: str, task: str, demos: int | None = 10, world: s
     facts = {"split": "test", "subset": "all", "config": "lite", "world": world, "seed": seed}
     row = found(rows, method=method, task=task, demos=demos, **facts)
     return cell(row) if row else ""
+
+
+def score_cell(score: Score) -> str:
+    """A score in a cell, with the mark if a row of it is outdated."""
+    return f"{score}{MARK if score.outdated else ''}"
 
 
 def lead(first: Score | None, second: Score | None) -> str:
@@ -119,6 +131,18 @@ def search(rows: Rows) -> str:
             cells.append(" / ".join(cell(row) if row else "" for row in both))
         lines.append([f"{steps}, {rate}", *cells])
     return lines_of(["steps, rate", *(OVERVIEW[name] for name in COMPARED)], lines)
+
+
+def rules(rows: Rows) -> str:
+    """What rules of acting are worth: one policy with and without them, on the tasks on which both were measured."""
+    lines = []
+    for policy, rule, *methods in RULES:
+        with_rule, without = (scores(rows, method, 10) for method in methods)
+        for task in benchmark.VARIANTS:
+            if task in with_rule and task in without:
+                both = (with_rule[task], without[task])
+                lines.append([policy, rule, task, *map(score_cell, both), lead(*both)])
+    return lines_of(["policy", "rule", "task", "with it", "without it", "difference"], lines)
 
 
 def two_tables(rows: Rows) -> str:
