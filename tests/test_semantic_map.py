@@ -11,6 +11,7 @@ from gem_lite.maps.frame_averaging import equivariance_error, frame_averaged
 from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, unpatchify
 from gem_lite.maps.semantic_map import fuse, plateau_centre
 from gem_lite.policies.gem_config import LITE
+from gem_lite.rgbd.camera import View
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,41 @@ def test_gradient_image_averages_to_itself_inside():
     means = patchify(ramp[..., None], grid).mean(axis=(2, 3, 4))
     block = unpatchify(means, grid)[:, 8:32].reshape(12, 6, 4).mean(axis=2)
     assert np.allclose(block, ramp[:, 8:32].reshape(12, 6, 4).mean(axis=2))
+
+
+@pytest.mark.parametrize("kind", ["as it is", "one camera", "stride 7"])
+def test_one_matrix_gives_the_map_that_spreads_and_fuses_pixel_by_pixel(scene_and_truth, model, kind):
+    views = list(scene_and_truth[3].views)
+    config = dataclasses.replace(LITE, stride=7) if kind == "stride 7" else LITE
+    if kind == "one camera":  # behind things, it leaves cells unseen
+        views = views[1:2]
+        views[0] = dataclasses.replace(views[0], depth=np.where(views[0].depth > 1.2, 0, views[0].depth))
+    scene = semantic_map.embed_scene(views, model, config)
+    for phrase in ("red block", "green bowl", "banana"):
+        words = model.embed_texts([phrase])[0]
+        straight = model.calibration.scale_text(scene.fuse([side.score(words) for side in scene.sides]))
+        made = semantic_map.text_conditioned_map(scene, phrase, model)
+        assert made.dtype == np.float32 and np.abs(made - straight).max() < 1e-5
+
+
+def test_patches_of_a_wide_picture_show_as_much_of_the_table(scene_and_truth, model):
+    scene, task, action, observation = scene_and_truth
+    large = []
+    for view in observation.views:
+        camera = view.camera
+        finer = tuple(tuple(2 * x for x in row) for row in camera.intrinsics[:2])
+        camera = dataclasses.replace(camera, size=(960, 1280), intrinsics=(*finer, camera.intrinsics[2]))
+        large.append(View(camera, *(np.repeat(np.repeat(p, 2, axis=0), 2, axis=1) for p in (view.rgb, view.depth))))
+    found = semantic_map.embed_scene(large, model, LITE)
+    assert [side.grid.patch for side in found.sides] == [40] * 3 and [side.grid.patch for side in scene.sides] == [
+        20
+    ] * 3
+    assert [side.values.shape for side in found.sides] == [side.values.shape for side in scene.sides]
+    block, bowl = task.named_colors
+    for phrase, pose in ((f"{block} blocks", action.pick), (f"{bowl} bowl", action.place)):
+        text = semantic_map.text_conditioned_map(found, phrase, model)
+        assert text[scene.heightmap.workspace.nearest_cell(pose.x, pose.y)] > 0.5
+        assert np.abs(text - semantic_map.text_conditioned_map(scene, phrase, model)).mean() < 0.05
 
 
 @pytest.mark.parametrize(

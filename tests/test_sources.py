@@ -85,3 +85,22 @@ def test_a_policy_is_asked_with_pictures(model, observed, world):
     assert decision.pick_image is not None, "a picture needs no memory"
     words = policy.words(decision.queries)
     assert not np.allclose(words["pick"], words["place"])
+
+
+def test_the_same_pictures_are_embedded_once_and_others_anew(model, observed):
+    views, _ = observed
+    source = sources.SOURCES.find("multi-view")(model, LITE)
+    own = [dataclasses.replace(view, rgb=view.rgb.copy(), depth=view.depth.copy()) for view in views]
+    scene = source.embed(views)
+    assert source.embed(own) is scene, "equal pictures in other arrays"
+    before = source.map(scene, "red block")
+    for view in own:
+        view.rgb[:] = 255 - view.rgb  # a driver that writes into the arrays that it gave before
+    changed = source.embed(own)
+    assert changed is not scene and np.abs(source.map(changed, "red block") - before).max() > 0.3
+    for view in own:
+        view.rgb[:] = 255 - view.rgb
+        view.depth[:] += 0.01
+    assert np.abs(source.embed(own).heightmap.height - scene.heightmap.height).max() > 0.005
+    moved = [dataclasses.replace(v, camera=dataclasses.replace(v.camera, name=v.camera.name + "!")) for v in views]
+    assert source.embed(moved) is not scene

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from scipy import sparse
 
 from gem_lite.clip import Clip
 from gem_lite.config import COUNT, LENGTH, Allowed, Config
+
+WIDTH = 640
+"""The width in pixels of a picture whose patches have the side that `PatchConfig` says."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +23,9 @@ class PatchConfig(Config):
     """The numbers of methods that embed patches by CLIP.
 
     Attributes:
-        patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view). The paper's are 40 and 20. In
-            `lite` a patch is about as wide as a block, so that some patches show one of two blocks that touch.
+        patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view; see `side_grid` for wider ones). The
+            paper's are 40 and 20. In `lite` a patch is about as wide as a block, so that some patches show one of two
+            blocks that touch.
         top_patch, top_stride: CLIP patches of the height map (m).
     """
 
@@ -105,6 +111,19 @@ def unpatchify(scores: np.ndarray, grid: PatchGrid) -> np.ndarray:
     return total / (rows.sum(axis=1)[:, None] * cols.sum(axis=1)[None, :])
 
 
+@lru_cache(maxsize=16)
+def blocks(grid: PatchGrid) -> tuple[np.ndarray, sparse.csr_array]:
+    """P⁻¹ of Eq. 1 as a matrix. Pixels that the same patches cover are one block, and get the same value.
+
+    Returns:
+        (H, W) int, the block of each pixel; and (blocks, m * n) float32, which turns the flat scores of all patches
+        into the values of the blocks. `unpatchify` is the value of its block at each pixel.
+    """
+    (rows, row_of), (cols, col_of) = (np.unique(part, axis=0, return_inverse=True) for part in grid.coverage())
+    means = [sparse.csr_array(part / part.sum(axis=1, keepdims=True)) for part in (rows, cols)]
+    return row_of[:, None] * len(cols) + col_of, sparse.csr_array(sparse.kron(*means))
+
+
 def _product(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     # By torch: NumPy's BLAS threads keep spinning afterwards, and slow down the network that runs next.
     return torch.linalg.multi_dot([torch.from_numpy(m.astype(np.float32)) for m in (a, b, c)]).numpy()
@@ -152,7 +171,19 @@ def paint_outside(rgb: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """
     if not inside.any():
         return rgb
-    return np.where(inside[..., None], rgb, np.median(rgb[inside], axis=0).astype(np.uint8))
+    painted = rgb.copy()
+    painted[~inside] = np.median(rgb[inside], axis=0).astype(np.uint8)
+    return painted
+
+
+def side_grid(shape: tuple[int, int], config: PatchConfig) -> PatchGrid:
+    """The patches of a view of ``shape`` (H, W).
+
+    In a picture wider than `WIDTH` pixels, they grow with it. So a patch shows the same part of the table however fine
+    the picture is, and there are not more patches. The points keep the picture's full resolution.
+    """
+    scale = max(1.0, shape[1] / WIDTH)
+    return PatchGrid(shape, round(config.patch * scale), round(config.stride * scale))
 
 
 def top_grid(config: PatchConfig) -> PatchGrid:

@@ -7,16 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import torch
+from scipy import sparse
 
 from gem_lite.clip import Clip
 from gem_lite.language import ImageQuery, Query
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
-from gem_lite.maps.patches import PatchConfig, PatchEmbeddings, PatchGrid, embed_patches, paint_outside, top_grid
+from gem_lite.maps.patches import (
+    PatchConfig,
+    PatchEmbeddings,
+    blocks,
+    embed_patches,
+    paint_outside,
+    side_grid,
+    top_grid,
+)
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, SortedPoints, fuse_views, sort_points
 
@@ -47,6 +56,22 @@ class SceneEmbedding:
         fused, _ = self.points.project(labels)
         return fused
 
+    @cached_property
+    def spread(self) -> sparse.csr_array:
+        """P⁻¹ of Eq. 1 and the fusion from above as one matrix: (H * W, number of all views' patches) float32.
+
+        It depends on no query, so that a map costs only its product with the patches' scores.
+        """
+        pixels, values = zip(*(blocks(side.grid) for side in self.sides), strict=True)
+        starts = np.cumsum([0, *(value.shape[0] for value in values)])
+        groups = [numbers + start for numbers, start in zip(pixels, starts, strict=False)]
+        return self.points.shares(groups, int(starts[-1])) @ sparse.block_diag(values, "csr")
+
+    def cosine(self, embedding: torch.Tensor) -> np.ndarray:
+        """The cosines of the views' patches with one embedding (D,), fused from above: (H, W) float32."""
+        scores = torch.cat([(side.values @ embedding.to(side.values)).flatten() for side in self.sides])
+        return (self.spread @ scores.numpy()).reshape(self.heightmap.height.shape)
+
 
 def embed_views(
     views: Sequence[View], clip: Clip, config: PatchConfig, embed_view: Callable[[View, np.ndarray], Any] | None = None
@@ -59,13 +84,12 @@ def embed_views(
     points = sort_points(views, config.workspace)
     heightmap = fuse_views(views, config.workspace, points)
     sides = tuple(embed_view(*pair) for pair in zip(views, points.kept, strict=True)) if embed_view else ()
-    return SceneEmbedding(heightmap, points, sides, lambda: embed_patches(heightmap.rgb, top_grid(config), clip))
+    return SceneEmbedding(heightmap, points, sides, partial(embed_patches, heightmap.rgb, top_grid(config), clip))
 
 
 def embed_side(view: View, inside: np.ndarray, clip: Clip, config: PatchConfig) -> PatchEmbeddings:
     """The patches of one view that meet the pixels ``inside`` the workspace, (H_n, W_n) bool."""
-    grid = PatchGrid(inside.shape, config.patch, config.stride)
-    return embed_patches(paint_outside(view.rgb, inside), grid, clip, inside)
+    return embed_patches(paint_outside(view.rgb, inside), side_grid(view.camera.size, config), clip, inside)
 
 
 def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> SceneEmbedding:
@@ -75,7 +99,7 @@ def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> Scene
 
 def with_top_patches(scene: SceneEmbedding, clip: Clip, config: PatchConfig) -> SceneEmbedding:
     """The same scene with its height map cut into the patches of another configuration of the same resolution."""
-    return replace(scene, embed_top=lambda: embed_patches(scene.heightmap.rgb, top_grid(config), clip))
+    return replace(scene, embed_top=partial(embed_patches, scene.heightmap.rgb, top_grid(config), clip))
 
 
 def embed_query(query: Query, clip: Clip) -> torch.Tensor:
@@ -131,14 +155,10 @@ def text_conditioned_map(
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
     """
-
-    def cosine(embedding: torch.Tensor) -> np.ndarray:
-        return scene.fuse([side.score(embedding) for side in scene.sides])
-
-    scores = _score(cosine, query, clip, templates)
+    scores = _score(scene.cosine, query, clip, templates)
     if not against:
         return scores
-    others = [_score(cosine, other, clip, templates) for other in against]
+    others = [_score(scene.cosine, other, clip, templates) for other in against]
     return scores - np.maximum.reduce([*others, np.zeros_like(scores)])
 
 

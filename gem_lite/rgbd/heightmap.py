@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Workspace
@@ -75,6 +75,27 @@ class SortedPoints:
         mean = (total / np.maximum(count, 1)[:, None]).reshape(*self.workspace.shape, *values.shape[1:])
         seen = (count > 0).reshape(self.workspace.shape)
         return _fill(mean.astype(np.float32), seen), seen
+
+    def shares(self, groups: Sequence[np.ndarray], count: int) -> sparse.csr_array:
+        """The share of groups of pixels in each cell's average. Built once, it replaces `project` for many labels.
+
+        If all pixels of a group have the same label, ``shares @ labels`` is the flat map that `project` returns.
+
+        Args:
+            groups: for each view (H_n, W_n) int, the group of each pixel.
+            count: the number of all groups.
+
+        Returns:
+            (H * W, count) float32. Unseen cells copy their nearest seen neighbour.
+        """
+        group = np.concatenate([group[kept] for group, kept in zip(groups, self.kept, strict=True)])[self.on_top]
+        cells = self.cell[self.on_top]
+        size = int(np.prod(self.workspace.shape))
+        points = np.bincount(cells, minlength=size)
+        weights = (1 / np.maximum(points, 1)).astype(np.float32)[cells]
+        matrix = sparse.csr_array((weights, (cells, group)), shape=(size, count))  # It adds equal entries.
+        nearest = _fill(np.arange(size).reshape(self.workspace.shape), (points > 0).reshape(self.workspace.shape))
+        return matrix if (points > 0).all() else matrix[nearest.ravel()]
 
 
 def _fill(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
