@@ -259,13 +259,7 @@ def train_from_folder(
             different tables.
         FloatingPointError, OSError: see `train`.
     """
-    if device != "cpu" and not torch.cuda.is_available():
-        raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
-    if checkpoint.is_dir():
-        raise ValueError(f"checkpoint must be a file to write, got the folder {checkpoint}")
-    if seed < 0:
-        raise ValueError(f"seed must be at least 0, got {seed}")
+    _check_request(checkpoint, seed, device)
     with PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION).main_process_first():
         packed = folders.packed((folder, *also), run / RECORDED, settings)
     sets = folders.demonstrations_of_tasks(packed, episodes, settings)
@@ -289,3 +283,14 @@ def train_from_folder(
     checkpoints.save_policy(policy, checkpoint, facts)
     discard(run)
     return {"method": policy.name, **facts}
+
+
+def _check_request(checkpoint: Path, seed: int, device: str) -> None:
+    """Raises ValueError for what a training would fail at only in its end."""
+    if device != "cpu" and not torch.cuda.is_available():
+        raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
+    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
+    if checkpoint.is_dir():
+        raise ValueError(f"checkpoint must be a file to write, got the folder {checkpoint}")
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
