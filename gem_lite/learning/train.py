@@ -253,10 +253,7 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU; ``checkpoint`` is a folder or does not end in ".safetensors"; ``seed`` is negative;
-            ``episodes`` is below 1 or above the number of demonstrations; demonstrations are not of the split "train";
-            several folders without the ending "multi", or the reverse, with unequal numbers of demonstrations or
-            different tables.
+        ValueError: see `_check_request`, `folders.demonstrations_of_tasks` and `folders.on_table_of`.
         FloatingPointError, OSError: see `train`.
     """
     _check_request(checkpoint, seed, device)
@@ -286,7 +283,12 @@ def train_from_folder(
 
 
 def _check_request(checkpoint: Path, seed: int, device: str) -> None:
-    """Raises ValueError for what a training would fail at only in its end."""
+    """Refuse what a training would fail at only in its end.
+
+    Raises:
+        ValueError: there is no GPU for ``device``; ``checkpoint`` is a folder or does not end in ".safetensors"; ``seed``
+            is negative.
+    """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
     checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.

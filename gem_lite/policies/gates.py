@@ -15,11 +15,13 @@ import torch
 from scipy import ndimage
 
 from gem_lite.clip import Clip
+from gem_lite.config import Config
 from gem_lite.language import Queries, Query
 from gem_lite.maps import locations, sources
 from gem_lite.maps.query_maps import MapConfig, query_maps
 from gem_lite.policies.samples import BARE_HEIGHT
 from gem_lite.rgbd.camera import View
+from gem_lite.se2 import Pose2
 
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
@@ -77,6 +79,42 @@ def within(cells: np.ndarray, distance: float) -> np.ndarray:
     if not cells.any():
         return cells
     return ndimage.distance_transform_edt(~cells) <= distance + 1e-6
+
+
+def untried(empty_picks: Sequence[Pose2], config: Config) -> torch.Tensor:
+    """(H, W) bool: cells whose centre is at least ``config.empty_radius`` from each of ``empty_picks``.
+
+    All cells, if there is no such cell: then everything was tried, and the policy begins again.
+    """
+    workspace = config.workspace
+    rows, cols = np.indices(workspace.shape)
+    x, y = workspace.to_world(rows, cols)
+    far = np.ones(workspace.shape, bool)
+    for pose in empty_picks:
+        far &= np.hypot(x - pose.x, y - pose.y) >= config.empty_radius
+    return torch.from_numpy(far if far.any() else np.ones_like(far))
+
+
+def gated(gate: Gate | None, allowed: torch.Tensor) -> torch.Tensor:
+    """The ``allowed`` cells (H, W) that a gate leaves; all of them without a gate."""
+    return allowed if gate is None else gate.cells(allowed)
+
+
+def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Tensor:
+    """(R, H, W) bool, of ``shape``: the places that change nothing after a pick at the pixel ``pick`` (row, col).
+
+    A thing that is put back where it was and not turned; for a push, its start.
+    """
+    here = torch.zeros(tuple(shape), dtype=torch.bool)
+    here[slice(None) if push else 0, pick[0], pick[1]] = True
+    return here
+
+
+def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, int, int]:
+    """(angle, row, col) of the largest logit of (R, H, W) among the ``allowed``, (H, W) or (R, H, W) bool."""
+    masked = logits.masked_fill(~allowed, -torch.inf)
+    angle, row, col = np.unravel_index(int(masked.argmax()), masked.shape)
+    return int(angle), int(row), int(col)
 
 
 class RivalGates:

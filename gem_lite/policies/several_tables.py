@@ -17,8 +17,8 @@ import torch
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.language import Queries
 from gem_lite.policies import gem
-from gem_lite.policies.base import PickPlacePolicy, acting, unmoved
-from gem_lite.policies.gates import near_peak
+from gem_lite.policies.base import PickPlacePolicy, acting
+from gem_lite.policies.gates import near_peak, unmoved
 from gem_lite.policies.gem import ActionModule
 from gem_lite.policies.samples import HEIGHT_SCALE, Inputs, collate
 from gem_lite.rgbd.heightmap import HeightMap
