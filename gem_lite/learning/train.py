@@ -286,8 +286,8 @@ def _check_request(checkpoint: Path, seed: int, device: str) -> None:
     """Refuse what a training would fail at only in its end.
 
     Raises:
-        ValueError: there is no GPU for ``device``; ``checkpoint`` is a folder or does not end in ".safetensors"; ``seed``
-            is negative.
+        ValueError: there is no GPU for ``device``; ``checkpoint`` is a folder or does not end in ".safetensors";
+            ``seed`` is negative.
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
