@@ -24,13 +24,8 @@ EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 REMEMBERED = 20_000
-<<<<<<< ours
-"""A CLIP remembers the embeddings of this number of small pictures: some 40 MB."""
-INNER_QUARTERS = (3, 2, 1)
-=======
 """A CLIP remembers the embeddings of this number of small pictures: some 20 MB."""
-INNER_QUARTERS = (3, 2)
->>>>>>> theirs
+INNER_QUARTERS = (3, 2, 1)
 """After which quarters of the image tower `Clip.inner_features` are taken."""
 
 
