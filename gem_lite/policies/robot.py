@@ -124,7 +124,7 @@ def from_cliport(observation: Mapping[str, Sequence[np.ndarray]], cameras: Seque
         if abs(np.linalg.norm(rotation) - 1) > 1e-3:
             raise ValueError(f"rotation of camera {number} must be a quaternion of length 1, got {rotation.tolist()}")
         intrinsics.append(matrix.reshape(3, 3))
-        poses.append(as_pose(Rotation.from_quat(rotation).as_matrix(), position))
+        poses.append(np.array(as_pose(Rotation.from_quat(rotation).as_matrix(), position.tolist())))
     colors = [np.asarray(color)[..., :3] for color in observation["color"]]
     return Observation.from_arrays(colors, observation["depth"], intrinsics, poses)
 
