@@ -254,9 +254,8 @@ def train_from_folder(
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: there is no GPU; ``episodes`` is below 1 or above the number of demonstrations; several folders
-            without the ending "multi", or the reverse, with unequal numbers of demonstrations or different tables;
-            ``checkpoint`` does not end in ".safetensors".
+        ValueError: no GPU; ``checkpoint`` does not end in ".safetensors"; ``episodes`` below 1 or above the number of
+            demonstrations; several folders without the ending "multi", or the reverse, or that do not fit together.
         FloatingPointError, OSError: see `train`.
     """
     if device != "cpu" and not torch.cuda.is_available():
