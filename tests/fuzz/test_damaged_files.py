@@ -138,7 +138,7 @@ def damaged_arrays(draw: Callable, arrays: dict[str, np.ndarray]) -> dict[str, n
 
 
 def damage_demonstrations(draw: Callable, folder: Path) -> None:
-    path = draw(st.sampled_from(sorted((folder / "demos").glob("[!.]*"))))
+    path = draw(st.sampled_from(sorted((folder / "demos").iterdir())))
     content = path.read_bytes()
     if path.suffix == ".json" and draw(st.booleans()):
         path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
