@@ -121,7 +121,7 @@ def _sync_folder(folder: Path) -> None:
 def writing(folder: Path) -> Iterator[None]:
     """Write into a folder as the only process. The system frees the lock when the process ends, after a kill, too.
 
-    The lock is the file ``.lock`` in the folder. It stays there and holds nothing.
+    Meanwhile the folder has a file ``.lock``. A killed process leaves it there; it is in nobody's way.
 
     Raises:
         OSError: another process writes into the folder.
@@ -135,6 +135,8 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        with contextlib.suppress(OSError):  # Windows keeps a file that is open.
+            (folder / ".lock").unlink()
         lock.release()
 
 

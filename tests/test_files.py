@@ -230,6 +230,33 @@ def test_a_second_process_is_refused_until_the_first_has_ended(tmp_path):
         except OSError:
             time.sleep(0.1)
     assert Recording.load(tmp_path / "set").sentence
+    assert not (tmp_path / "set" / ".lock").exists()
+
+
+COUNTER = """
+import sys, time
+from pathlib import Path
+from gem_lite.files import writing
+folder = Path(sys.argv[1])
+count = 0
+while count < 100:
+    try:
+        with writing(folder):
+            number = int((folder / "number").read_text())
+            time.sleep(0.001)
+            (folder / "number").write_text(str(number + 1))
+            count += 1
+    except BlockingIOError:
+        pass
+"""
+
+
+def test_no_two_processes_are_ever_in_one_folder(tmp_path):
+    (tmp_path / "number").write_text("0")
+    for process in [start(COUNTER, tmp_path) for _ in range(3)]:
+        end(process)
+    assert (tmp_path / "number").read_text() == "300"
+    assert [path.name for path in tmp_path.iterdir()] == ["number"]
 
 
 # Numbers

@@ -175,6 +175,14 @@ def test_acting_leaves_the_mode_as_it_was(training):
     assert {module.training for module in policy.modules()} == {training}
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float64])
+def test_another_precision_is_refused_in_one_sentence(dtype):
+    policy = Policy(SMALL, types.SimpleNamespace(dim=D)).to(dtype)
+    inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
+    with pytest.raises(ValueError, match=r"computes in float32, got torch.float(16|64): call its float"):
+        policy.choose("", Queries("block", "square"), None, inputs)
+
+
 # Rules that a trained policy may change
 
 

@@ -296,6 +296,9 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         A pick keeps away from empty picks, as long as that leaves a cell. Pick and place keep to their ``gates``. No
         act ends where it begins: a push ends in another cell, a pick and place in another cell or turned.
         """
+        dtype = next(self.parameters()).dtype
+        if dtype != torch.float32:
+            raise ValueError(f"a policy computes in float32, got {dtype}: call its float() first")
         inputs = collate([inputs], self.device)
         with acting(self):
             pick_logits = self.score_pick(inputs)[0].cpu()

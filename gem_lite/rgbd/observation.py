@@ -97,8 +97,9 @@ class Observation:
                     f"depth of {name!r} must be metres as floating point numbers, got {np.asarray(depth).dtype}; "
                     "multiply whole numbers by their scale, such as 0.001"
                 )
-            metres = np.asarray(depth, np.float32)
-            measured = np.where(np.isfinite(metres) & (metres > 0), metres, 0)
+            metres = np.asarray(depth)
+            finite = metres < np.finfo(np.float32).max
+            measured = np.where(finite & (metres > 0), metres, 0).astype(np.float32)
             raw = RawView(
                 name, np.asarray(rgb), measured, _matrix(np.asarray(matrix).tolist(), 3, f"intrinsics of {name!r}"),
                 _pose(np.asarray(pose).tolist(), f"pose of {name!r}"),

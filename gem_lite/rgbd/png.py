@@ -26,8 +26,8 @@ def decode(content: bytes, channels: int, dtype: type, name: object) -> np.ndarr
     Raises:
         ValueError: the file is cut off or no PNG, has more than `LARGEST` pixels, or is of another kind.
     """
-    # OpenCV fills a cut picture with zeros, but the last chunk of a whole PNG is IEND.
-    if not content.startswith(_SIGNATURE) or b"IEND" not in content[-12:]:
+    # OpenCV fills a cut picture with zeros, but the first chunk of a whole PNG is IHDR and the last one IEND.
+    if not content.startswith(_SIGNATURE) or content[12:16] != b"IHDR" or b"IEND" not in content[-12:]:
         raise ValueError(f"{name} is cut off or no PNG")
     width, height = (int.from_bytes(content[start : start + 4], "big") for start in (16, 20))
     if width * height > LARGEST:

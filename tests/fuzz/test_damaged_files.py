@@ -27,6 +27,7 @@ from gem_lite.maps.crop_memory import CropEntry, CropMemory, _digest
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
+from gem_lite.rgbd.recordings import Recording
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
@@ -38,7 +39,9 @@ ROW = {
     "rewards": {"0": 1.0, "1": 0.0},
 }  # fmt: skip
 VALUES = st.one_of(
-    st.sampled_from([None, True, -1, 0, 10**9, 10**30, -0.5, 1e308, float("nan"), float("inf"), "", "x", [], {}, [[]]]),
+    st.sampled_from(
+        [None, True, -1, 0, 10**9, 10**30, 10**400, -0.5, 1e308, float("nan"), float("inf"), "", "x", [], {}, [[]]]
+    ),
     st.text(max_size=5),
 )
 SHAPES = st.sampled_from([(), (0,), (3,), (2, 2), (1, 2, 3, 4), (2, 40, 40, 3), (5, 4)])
@@ -63,6 +66,7 @@ def whole(demo_set, model, tmp_path_factory):
         steps.append(dataclasses.replace(step, observation=demonstrations.Observation(tuple(views))))
     episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=tuple(steps)) for seed in (0, 1)]
     demonstrations.save(episodes, folder / "demos")
+    Recording(steps[0].observation, steps[0].instruction, steps[0].expert).save(folder / "step")
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
     memory = CropMemory(
         [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
@@ -171,6 +175,20 @@ def read_demonstrations(folder: Path, model: clip.Clip) -> None:
     demonstrations.data_hash(folder / "demos", 1)
 
 
+def damage_step(draw: Callable, folder: Path) -> None:
+    path = draw(st.sampled_from(sorted((folder / "step").glob("*.png")) + sorted((folder / "step").glob("*.json"))))
+    content = path.read_bytes()
+    if path.suffix == ".json" and draw(st.booleans()):
+        path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
+    else:
+        path.write_bytes(damaged_bytes(draw, content, (folder / "rows.jsonl").read_bytes()))
+
+
+def read_step(folder: Path, model: clip.Clip) -> None:
+    for view in Recording.load(folder / "step").observation.views:
+        assert np.isfinite(view.points()).all()
+
+
 def damage_memory(draw: Callable, folder: Path) -> None:
     path = folder / "memory.safetensors"
     content = path.read_bytes()
@@ -252,6 +270,7 @@ def read_calibration(folder: Path, model: clip.Clip) -> None:
 
 KINDS = {
     "demonstrations": (damage_demonstrations, read_demonstrations),
+    "recorded step": (damage_step, read_step),
     "crop memory": (damage_memory, read_memory),
     "checkpoint": (damage_checkpoint, read_checkpoint),
     "rows": (damage_rows, read_and_file_rows),

@@ -1,0 +1,192 @@
+"""Folders of scenes and recorded steps that a stranger made: what they hold is read, or refused in one sentence."""
+
+import dataclasses
+import json
+import math
+import shutil
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from gem_lite import clip
+from gem_lite.actions import ExpertAction, PickPlace
+from gem_lite.cli import main
+from gem_lite.demonstrations import Demonstration
+from gem_lite.rgbd import png
+from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.observation import Observation, read_raw
+from gem_lite.rgbd.recordings import Recording
+from gem_lite.se2 import Pose2
+
+SENTENCE = "put the red block in the blue bowl"
+WORKBENCH = clip.DATA / "foreign-scenes" / "workbench"
+
+
+def scene(depth=1.0):
+    camera = Camera.pinhole("front", (0.5, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), size=(8, 10))
+    colors = np.arange(240, dtype=np.uint8).reshape(8, 10, 3)
+    return Observation((View(camera, colors, np.full((8, 10), depth, np.float32)),))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    scene().save(tmp_path / "scene")
+    return tmp_path / "scene"
+
+
+def change(folder, **entries):
+    content = json.loads((folder / "cameras.json").read_text())
+    content["cameras"][0] |= entries
+    (folder / "cameras.json").write_text(json.dumps(content))
+
+
+def test_the_wrong_side_of_a_picture_is_never_its_colour(folder):
+    loaded = Observation.load(folder).views[0]
+    assert np.array_equal(loaded.rgb, scene().views[0].rgb) and (loaded.depth == 1).all()
+    assert cv2.imread(str(folder / "front.color.png"))[0, 0].tolist() == [2, 1, 0], "OpenCV's order is BGR"
+
+
+# Pictures
+
+
+@pytest.mark.parametrize("key", ["color", "depth"])
+def test_a_picture_outside_the_folder_is_refused(folder, key):
+    name = f"front.{key}.png"
+    shutil.copy(folder / name, folder.parent / "secret.png")
+    (folder / "below").mkdir()
+    shutil.copy(folder / name, folder / "below" / "picture.png")
+    for outside in ("../secret.png", str(folder.parent / "secret.png"), "below/../../secret.png", ".."):
+        change(folder, **{key: outside})
+        with pytest.raises(ValueError, match=rf"camera 0: {key} must be a picture in the folder, got ") as caught:
+            Observation.load(folder)
+        assert outside in str(caught.value)
+    change(folder, **{key: "below/picture.png"})
+    assert len(Observation.load(folder).views) == 1
+
+
+def claiming(width, height, depth=16, colour=0):
+    """A small PNG whose header says ``width`` x ``height``."""
+
+    def chunk(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("size", [(60000, 60000), (30000, 30000), (2**31 - 1, 2**31 - 1), (2**26 + 1, 1)])
+@pytest.mark.parametrize("key", ["color", "depth"])
+def test_a_picture_that_claims_to_be_huge_is_refused(folder, key, size):
+    (folder / f"front.{key}.png").write_bytes(claiming(*size))
+    with pytest.raises(ValueError, match=rf"front\.{key}\.png must have at most 67108864 pixels, got {size[0]} x"):
+        Observation.load(folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"IEND", claiming(0, 0), claiming(10, 8)[:-20]])
+def test_what_is_no_picture_is_refused(folder, content):
+    (folder / "front.depth.png").write_bytes(content)
+    with pytest.raises(ValueError, match=r"front\.depth\.png is cut off or no PNG"):
+        Observation.load(folder)
+
+
+def test_a_picture_of_another_format_is_refused(folder):
+    assert cv2.imwrite(str(folder / "front.jpg"), np.zeros((8, 10, 3), np.uint8))
+    content = (folder / "front.jpg").read_bytes() + b"IEND\xaeB`\x82"
+    with pytest.raises(ValueError, match="mine is cut off or no PNG"):
+        png.decode(content, 3, np.uint8, "mine")
+
+
+# Depth and its scale
+
+
+def test_arrays_have_no_depth_that_is_negative_or_infinite():
+    depth = np.array([[1.0, -0.1, np.nan], [np.inf, -np.inf, 0.0], [1e300, 2.0, -1e300]])
+    (view,) = Observation.from_arrays(
+        [np.zeros((3, 3, 3), np.uint8)], [depth], [np.diag([450.0, 450, 1])], [np.eye(4)]
+    ).views
+    assert view.depth.dtype == np.float32 and view.depth.tolist() == [[1, 0, 0], [0, 0, 0], [0, 2, 0]]
+
+
+@pytest.mark.parametrize("scale", [0.0, -0.001, 1.0, float("nan")])
+def test_a_scale_that_could_not_be_loaded_is_not_saved(tmp_path, scale):
+    with pytest.raises(ValueError, match="depth_scale must be the metres of one step, above 0 and at most"):
+        scene().save(tmp_path / "new", scale)
+    assert not (tmp_path / "new").exists()
+
+
+def test_nothing_measured_can_be_saved(tmp_path):
+    scene(0.0).save(tmp_path)
+    assert (Observation.load(tmp_path).views[0].depth == 0).all()
+    scene(float("nan")).save(tmp_path)
+    assert (Observation.load(tmp_path).views[0].depth == 0).all()
+
+
+def test_far_depth_can_be_saved_in_larger_steps(tmp_path):
+    scene(60.0).save(tmp_path, 0.001)
+    assert Observation.load(tmp_path).views[0].depth == pytest.approx(60.0)
+    with pytest.raises(ValueError, match=r"'front' sees nothing nearer than 60\.00 m, but 16 bits reach 6\.55 m"):
+        scene(60.0).save(tmp_path)
+
+
+# Poses
+
+
+def test_a_reflected_camera_is_no_observation_but_its_mistake_is_found(tmp_path, capsys):
+    folder = shutil.copytree(WORKBENCH, tmp_path / "workbench")
+    content = json.loads((folder / "cameras.json").read_text())
+    for entry in content["cameras"]:
+        entry["pose"] = (np.array(entry["pose"]) @ np.diag([1, -1, 1, 1])).tolist()
+    (folder / "cameras.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"pose of camera 'overhead' must be .*\(no reflection\)"):
+        Observation.load(folder)
+    assert len(read_raw(folder)) == 3
+    assert main(["check-cameras", str(folder), "--out", str(tmp_path / "out")]) == 2
+    assert "the camera's axes are flipped" in capsys.readouterr().err
+
+
+# Recorded steps
+
+
+def step(**changes):
+    action = PickPlace(Pose2(0.4, 0.0, 0.1), Pose2(0.6, 0.1, 0.2))
+    return Recording(scene(), SENTENCE, dataclasses.replace(ExpertAction(action), **changes))
+
+
+@pytest.mark.parametrize("copies", [1, 2, 3, 4, 7, 360])
+def test_a_symmetry_by_a_whole_number_of_copies_is_kept(tmp_path, copies):
+    step(pick_symmetry=2 * math.pi / copies).save(tmp_path)
+    assert Recording.load(tmp_path).expert.pick_symmetry == 2 * math.pi / copies
+    step(place_symmetry=round(2 * math.pi / copies, 8)).save(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "symmetry", [5e-324, 1e-300, 1e-9, 2 * math.pi / 361, 1e5, 1e308, -1.0, math.nan, math.inf, 90]
+)
+def test_a_symmetry_that_is_none_is_refused(symmetry):
+    with pytest.raises(ValueError, match="pick_symmetry must be the smallest turn in radians that changes nothing"):
+        step(pick_symmetry=symmetry)
+
+
+@pytest.mark.parametrize("symmetry", ["5e-324", "1e999", "1" + 400 * "0", "NaN"])
+def test_a_hostile_number_in_an_action_is_refused(tmp_path, symmetry):
+    step().save(tmp_path)
+    path = tmp_path / "action.json"
+    path.write_text(path.read_text().replace('"pick_symmetry": 0.0', f'"pick_symmetry": {symmetry}'))
+    with pytest.raises(ValueError, match=r"action\.json") as caught:
+        Recording.load(tmp_path)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_an_action_without_a_place_is_refused(value):
+    with pytest.raises(ValueError, match="place must have finite numbers, got Pose2"):
+        step(action=PickPlace(Pose2(0.4, 0.0), Pose2(0.6, value)))
+
+
+def test_a_superscript_in_a_name_is_no_number(tmp_path):
+    for name in ("step-2", "step-10", "step-²"):
+        step().save(tmp_path / "mine" / "episode" / name)
+    assert len(Demonstration.load(tmp_path / "mine" / "episode").steps) == 3
