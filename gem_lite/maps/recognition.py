@@ -1,9 +1,9 @@
 """Is the named thing on the table at all? A policy always chooses something; this says when nothing fits the words.
 
 The value of a map alone does not tell: on another table with another lamp, what is there may score lower than what is
-not there on ours. So phrases are compared with each other, on one thing at a time. Every thing that rises above the
-table is scored by the named phrase and by `alternatives` to it: the same noun with other colours, and the same colour
-with other nouns. The phrase fits a thing if it scores at least `LOWEST_SCORE` and no alternative fits much better.
+not there on ours. So phrases are compared with each other, on one thing at a time. Every thing on the table is scored
+by the named phrase and by `alternatives` to it: the same noun with other colours, and the same colour with other
+nouns. The phrase fits a thing if it scores at least `LOWEST_SCORE` and no alternative fits much better.
 
 This part is ours; the paper has no refusal.
 """
@@ -17,15 +17,23 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite import colors, language
+from gem_lite.clip import Clip
 from gem_lite.language import Query
 from gem_lite.maps import locations
-from gem_lite.maps.semantic_map import SceneEmbedding
+from gem_lite.maps.semantic_map import TEMPLATES, SceneEmbedding
 from gem_lite.maps.sources import MapSource
+from gem_lite.se2 import Workspace
 
 RISES = 0.008
 """A cell belongs to a thing if it is higher (m) above the table than this, and than the table's own noise."""
 NOISE = 3.0
 """A cell is above the table's noise if it is higher by this many standard deviations."""
+DIFFERS = 40
+"""A cell belongs to a flat thing if one of its colour values (0-255) differs by more than this from the table's."""
+BESIDE = 2
+"""Cells at most this far from a thing that rises belong to its edge, and to no flat thing."""
+REACH = 0.0625
+"""Of a flat thing, the cells within this distance (m) of the phrase's best cell count: a board has many holes."""
 FEWEST_CELLS = 12
 """A region of fewer cells is no thing."""
 BEST_SHARE = 0.3
@@ -33,9 +41,21 @@ BEST_SHARE = 0.3
 LOWEST_MARGIN = -0.2
 """A phrase fits a thing if the best alternative scores at most this much higher. It was chosen on data/foreign-scenes
 and on validation scenes of our simulator."""
+LOWEST_COLOR_MARGIN = -0.05
+"""The same for a phrase without a noun, such as "something red". Colours alone differ more clearly, but less from the
+bare table, so that a score has no lowest value. It was chosen on data/foreign-scenes."""
 LOWEST_SCORE = 0.4
 """A thing with a lower score does not fit: on a thing that no word fits, all margins are near 0."""
 OTHER_COLORS = (*colors.RGB, "black")
+COLOR_WORDS = frozenset(
+    (*OTHER_COLORS, "azure", "scarlet", "crimson", "emerald", "tangerine", "golden", "violet", "rose", "teal",
+     "turquoise", "chestnut", "snowy", "grey", "lime", "magenta", "fuchsia", "silver")
+)  # fmt: skip
+"""Words for colours in a phrase."""
+SHADES = frozenset(("light", "lighter", "lightest", "dark", "darker", "darkest", "bright", "middle", "jet", "lime"))
+"""Words that belong to the colour after them."""
+VAGUE = frozenset(("thing", "things", "object", "objects", "something", "anything", "one", "ones", "item", "items"))
+"""Words that name no thing. "something red" is whatever is red."""
 OTHER_NOUNS = (
     "block", "bowl", "mug", "plate", "ball", "cylinder", "ring", "star", "box", "bottle", "banana", "apple", "hammer",
     "spoon", "scissors", "cup", "pan", "shoe", "cone", "car", "book", "screwdriver", "toy train",
@@ -51,8 +71,9 @@ class Fit:
         phrase: what was looked for.
         x, y: the middle of the thing (m).
         score: the phrase's value on the thing, about 1 on a match.
-        margin: the phrase's score minus that of the best alternative; above 0 if the phrase fits best of all.
-        alternative: the alternative that fits the same thing best.
+        margin: the phrase's score minus that of the best alternative; above 0 if the phrase fits best of all, infinite
+            if there is no alternative.
+        alternative: the alternative that fits the same thing best; empty if there is none.
     """
 
     phrase: str
@@ -63,29 +84,79 @@ class Fit:
     alternative: str
 
 
-def alternatives(phrase: str, nouns: Sequence[str] = OTHER_NOUNS) -> list[str]:
+def alternatives(phrase: str, nouns: Sequence[str] = OTHER_NOUNS, clip: Clip | None = None) -> list[str]:
     """What else a thing could be: the same noun with other colours, the same colour with other ``nouns``.
 
-    A phrase without a known colour gets the nouns alone.
+    A phrase without a known colour gets the nouns alone, one without a noun, such as "something red", the colours. What
+    is less exact than the phrase is no alternative: "brown block" to "lightest brown block".
+
+    Args:
+        clip: if it does not know the phrase's noun (`knows`), nothing is said about nouns, and colours alone remain.
     """
     words = phrase.split()
-    color = next((word for word in words if word in OTHER_COLORS), None)
-    noun = " ".join(word for word in words if word != color)
-    if color is None:
-        return [other for other in nouns if other != noun]
-    others = [f"{other} {noun}".strip() for other in OTHER_COLORS if other != color]
-    return others + [f"{color} {other}" for other in nouns if other != noun]
+    color = _color(words)
+    others = []
+    if color:
+        start = words.index(color[0])
+        rest = words[start + len(color) :]
+        others = [" ".join([*words[:start], other, *rest]) for other in OTHER_COLORS if other not in color]
+    if not is_vague(phrase) and (clip is None or knows(clip, phrase)):
+        others += [" ".join([*color, other]) for other in nouns]
+    return [other for other in others if not set(other.split()) <= set(words)]
 
 
-def things(scene: SceneEmbedding) -> list[np.ndarray]:
-    """The things on a table: for each connected region that rises above it, an (H, W) bool mask.
+def is_vague(phrase: str) -> bool:
+    """Whether a phrase names no thing, but a colour at most: "something red", "red object"."""
+    words = phrase.split()
+    color = _color(words)
+    return all(word in VAGUE or word in color for word in words)
 
-    The table is most of the map, so its level is the median height, and its noise follows from the median deviation.
+
+def knows(clip: Clip, phrase: str) -> bool:
+    """Whether a CLIP has read a phrase's words. If so, they mean the same with an article and in the plural.
+
+    The embedding of a word that it never read changes at random, so that its scores cannot be compared with others.
+    Two phrases mean the same if their cosine is at least the CLIP's retrieval threshold.
+    """
+    endings = ("s", "x", "sh", "ch")
+    plural = phrase if phrase.endswith("s") else phrase + ("es" if phrase.endswith(endings) else "s")
+    own, *others = clip.embed_texts([phrase, plural, *(template.format(phrase) for template in TEMPLATES)])
+    return all(float(own @ other) >= clip.calibration.retrieval_threshold for other in others)
+
+
+def _color(words: Sequence[str]) -> list[str]:
+    """The words of a phrase that name its first colour, such as "lightest brown"; empty if there is none."""
+    for index, word in enumerate(words):
+        if word in COLOR_WORDS:
+            return list(words[index - 1 : index + 1]) if index and words[index - 1] in SHADES else [word]
+    return []
+
+
+def things(scene: SceneEmbedding) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The things on a table, each as an (H, W) bool mask: those that rise above it, and those that do not.
+
+    The first are the connected regions of cells that are higher than the table. The table is most of the map, so its
+    level is the median height, and its noise follows from the median deviation. The second are the regions of another
+    colour than the table's median one, such as painted lines and thin boards. The holes of flat things belong to them.
+    A shadow and the inside of a bowl are no flat things.
     """
     height = scene.heightmap.height
     level = np.median(height)
     noise = 1.4826 * np.median(np.abs(height - level))  # the standard deviation, if the noise is normal
-    regions, count = ndimage.label(height > level + max(RISES, NOISE * noise))
+    rises = height > level + max(RISES, NOISE * noise)
+    rgb = scene.heightmap.rgb.astype(np.float32)
+    table = np.maximum(np.median(rgb, axis=(0, 1)), 1)
+    light = np.minimum((rgb @ table) / (table @ table), 1)  # below 1 in a shadow, which has the table's colour
+    difference = np.abs(rgb - light[..., None] * table).max(axis=-1)
+    differs = difference > max(DIFFERS, NOISE * 1.4826 * float(np.median(difference)))
+    standing = ndimage.binary_dilation(ndimage.binary_fill_holes(rises), iterations=BESIDE)
+    flat = ndimage.binary_fill_holes(differs | rises) & ~standing
+    return _regions(rises), _regions(flat)
+
+
+def _regions(cells: np.ndarray) -> list[np.ndarray]:
+    """The connected regions of cells (H, W) that are large enough to be things."""
+    regions, count = ndimage.label(cells)
     masks = [regions == number for number in range(1, count + 1)]
     return [mask for mask in masks if mask.sum() >= FEWEST_CELLS]
 
@@ -93,19 +164,32 @@ def things(scene: SceneEmbedding) -> list[np.ndarray]:
 def fit(
     scene: SceneEmbedding, phrase: str, source: MapSource, nouns: Sequence[str] = OTHER_NOUNS
 ) -> Fit | None:  # fmt: skip
-    """The thing that a phrase fits best, and how well. None if nothing rises above the table."""
-    masks = things(scene)
-    if not masks:
+    """The thing that a phrase fits best, and how well. None if there is no thing on the table."""
+    rising, flat = things(scene)
+    if not rising and not flat:
         return None
-    others = alternatives(phrase, nouns)
-    wanted = _scores(source.map(scene, phrase), masks)  # (things,)
-    rivals = np.stack([_scores(source.map(scene, other), masks) for other in others])  # (alternatives, things)
+    others = alternatives(phrase, nouns, source.clip)
+    source.clip.embed_texts([phrase, *others])  # All at once is faster than one by one, and the CLIP keeps them.
+    semantic = source.map(scene, phrase)
+    masks = rising + [_near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
+    wanted = _scores(semantic, masks)  # (things,)
+    rivals = np.full((max(1, len(others)), len(masks)), -np.inf)  # (alternatives, things)
+    for number, other in enumerate(others):
+        rivals[number] = _scores(source.map(scene, other), masks)
     margins = wanted - rivals.max(axis=0)
-    enough = wanted >= LOWEST_SCORE
+    enough = (wanted >= LOWEST_SCORE) | is_vague(phrase)
     best = int(np.where(enough, margins, -np.inf).argmax()) if enough.any() else int(wanted.argmax())
     rows, cols = np.nonzero(masks[best])
     x, y = scene.heightmap.workspace.to_world(float(rows.mean()), float(cols.mean()))
-    return Fit(phrase, x, y, float(wanted[best]), float(margins[best]), others[int(rivals[:, best].argmax())])
+    alternative = others[int(rivals[:, best].argmax())] if others else ""
+    return Fit(phrase, x, y, float(wanted[best]), float(margins[best]), alternative)
+
+
+def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """The cells of a mask (H, W) within `REACH` of the one at which a map is highest."""
+    row, col = np.unravel_index(np.where(mask, semantic, -np.inf).argmax(), mask.shape)
+    rows, cols = np.indices(mask.shape)
+    return mask & (np.hypot(rows - row, cols - col) * workspace.pixel <= REACH)
 
 
 def _scores(semantic: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
@@ -123,8 +207,8 @@ def refusal(
 ) -> str | None:  # fmt: skip
     """Why an instruction cannot be followed: the first of its queries that fits nothing on the table, in one sentence.
 
-    None if all of them fit something. Of "X and Y", each must fit. A picture is never refused, since it has no
-    alternatives.
+    None if all of them fit something. Of "X and Y", each must fit; of "red and blue blocks", which is one group, at
+    least one. A picture is never refused, since it has no alternatives.
 
     Args:
         lowest_margin: a higher one refuses more, see `LOWEST_MARGIN`.
@@ -132,17 +216,34 @@ def refusal(
     for query in queries:
         if not isinstance(query, str):
             continue
-        for member in language.conjuncts(query):
-            word = locations.location_word(member)
-            phrase = member if word is None else member.removeprefix("the ").removeprefix(word).strip()
-            found = fit(scene, phrase, source, nouns)
-            if found is None:
-                return f'there is no "{phrase}": nothing rises above the table'
-            if found.score < LOWEST_SCORE:
-                return f'there is no "{phrase}": nothing on the table looks like it'
-            if found.margin < lowest_margin:
-                return (
-                    f'there is no "{phrase}": the nearest thing, at ({found.x:.2f}, {found.y:.2f}) m, looks more like '
-                    f'"{found.alternative}"'
-                )
+        members = language.conjuncts(query)
+        reasons = [_reason(scene, member, source, nouns, lowest_margin) for member in members]
+        missing = [reason for reason in reasons if reason is not None]
+        if missing and (len(missing) == len(members) or not _one_group(members)):
+            return missing[0]
+    return None
+
+
+def _one_group(members: Sequence[str]) -> bool:
+    """Whether the members of "X and Y" are one group of things with several colours, as in "green and cyan blocks"."""
+    nouns = {member.split()[-1] for member in members}
+    return len(nouns) == 1 and nouns.pop().endswith("s") and all(_color(member.split()) for member in members)
+
+
+def _reason(
+    scene: SceneEmbedding, member: str, source: MapSource, nouns: Sequence[str], lowest_margin: float
+) -> str | None:  # fmt: skip
+    """Why nothing on the table is what a phrase without "and" names; None if something is."""
+    word = locations.location_word(member)
+    phrase = member if word is None else member.removeprefix("the ").removeprefix(word).strip()
+    found = fit(scene, phrase, source, nouns)
+    if found is None:
+        return f'there is no "{phrase}": nothing lies on the table'
+    if found.score < LOWEST_SCORE and not is_vague(phrase):
+        return f'there is no "{phrase}": nothing on the table looks like it'
+    if found.margin < (max(lowest_margin, LOWEST_COLOR_MARGIN) if is_vague(phrase) else lowest_margin):
+        return (
+            f'there is no "{phrase}": the nearest thing, at ({found.x:.2f}, {found.y:.2f}) m, looks more like '
+            f'"{found.alternative}"'
+        )
     return None

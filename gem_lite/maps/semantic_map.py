@@ -155,7 +155,6 @@ def text_conditioned_map(
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
     """
-
     scores = _score(scene.cosine, query, clip, templates)
     if not against:
         return scores
