@@ -3,10 +3,12 @@ import itertools
 import json
 import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pybullet as p
 import pytest
+import safetensors.torch
 import torch
 import transformers
 from PIL import Image
@@ -188,6 +190,87 @@ def test_environment_variable_chooses(monkeypatch):
     monkeypatch.setenv(clip.ENVIRONMENT_VARIABLE, "nobody/no-such-clip")
     with pytest.raises(OSError, match="nobody/no-such-clip"):
         clip.load()
+
+
+def small_clip(folder, **preprocessing):
+    """A folder with a copy of the embedded CLIP, and with changes of its preprocessing; None takes an entry away."""
+    shutil.copytree(clip.EMBEDDED, folder)
+    path = folder / "preprocessor_config.json"
+    entries = {**json.loads(path.read_text()), **preprocessing}
+    path.write_text(json.dumps({key: value for key, value in entries.items() if value is not None}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("part", "missing"),
+    [("config", "configuration"), ("model", "weights"), ("tokenizer", "tokenizer"), ("prepro", "preprocessing")],
+)
+def test_a_folder_without_a_part_is_refused_by_that_parts_name(part, missing, tmp_path):
+    folder = small_clip(tmp_path / "clip")
+    for path in folder.glob(f"{part}*"):
+        path.unlink()
+    with pytest.raises(OSError, match=f"has no {missing}: .* is missing") as error:
+        clip.load(folder)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_damaged_weights_are_refused_in_a_sentence(tmp_path):
+    folder = small_clip(tmp_path / "clip")
+    path = folder / "model.safetensors"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(OSError, match=r"weights in the CLIP folder .* are cut off or damaged"):
+        clip.load(folder)
+    tensors = safetensors.torch.load(whole)
+    del tensors["visual_projection.weight"]
+    safetensors.torch.save_file(tensors, path, {"format": "pt"})
+    with pytest.raises(OSError, match=r"lack 1 tensors, such as visual_projection\.weight"):
+        clip.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"), [("image_mean", None), ("image_std", [0.5]), ("size", None), ("resample", 0)]
+)
+def test_a_preprocessing_that_is_not_whole_is_refused(entry, value, tmp_path):
+    with pytest.raises(OSError, match=f"{entry}.* got ") as error:
+        clip.load(small_clip(tmp_path / "clip", **{entry: value}))
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_fingerprint_covers_an_unusual_preprocessing(tmp_path, model):
+    assert model.fingerprint == json.loads((clip.DATA / "gem-multi.json").read_text())["clip"]["fingerprint"]
+    changes = (
+        {}, {"image_mean": [0.4] * 3}, {"image_std": [0.4] * 3}, {"size": {"height": 32, "width": 32}}, {"resample": 2}
+    )  # fmt: skip
+    found = [clip.load(small_clip(tmp_path / str(i), **change)) for i, change in enumerate(changes)]
+    assert found[0].fingerprint == model.fingerprint, "a copy in another folder"
+    assert len({one.fingerprint for one in found}) == len(changes)
+    picture = np.random.default_rng(0).integers(0, 255, (1, 20, 20, 3), np.uint8)
+    plain = found[0].embed_images(picture)[0]
+    assert all(float(plain @ one.embed_images(picture)[0]) < 0.9999 for one in found[1:])
+
+
+def test_a_text_that_is_too_long_is_refused_and_not_cut(model):
+    words = " ".join(["red block"] * 15)
+    assert model.embed_texts([words]).shape == (1, model.dim), "32 tokens with those of beginning and end"
+    with pytest.raises(ValueError, match=r"at most 32 tokens .* got 33"):
+        model.embed_texts(["bowl", f"{words} bowl"])
+
+
+def test_threads_that_share_a_small_memory_find_their_pictures(model, monkeypatch):
+    monkeypatch.setattr(clip, "REMEMBERED", 3)
+    monkeypatch.setattr(model, "embed_images", lambda images: torch.from_numpy(images[:, 0, 0, :1].astype(np.float32)))
+
+    def ask(seed):
+        rng = np.random.default_rng(seed)
+        for _ in range(300):
+            values = rng.integers(0, 6, 5)
+            pictures = np.broadcast_to(values[:, None, None, None], (5, 4, 5, 3)).astype(np.uint8)
+            assert model.embed_known_images(pictures)[:, 0].tolist() == values.tolist()
+
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(ask, range(8)))
+    assert len(model._pictures) <= 3 + 8 * 5
 
 
 def save_clip_model(folder, config, image_size):

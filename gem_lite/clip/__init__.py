@@ -12,15 +12,11 @@ from typing import Any, cast
 import numpy as np
 import torch
 import torch.nn.functional as F
-
-os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
-
-import huggingface_hub
-import transformers
 from transformers import PreTrainedTokenizerBase
-from transformers.image_processing_base import ImageProcessingMixin
 
+from gem_lite.clip import loading
 from gem_lite.clip.calibration import Calibration, read
+from gem_lite.clip.loading import Preprocessing
 from gem_lite.clip.resnet_clip import ResNetClip
 from gem_lite.files import DATA
 
@@ -41,8 +37,12 @@ class Clip:
         dim: the number of entries of an embedding.
         width: the number of features at each position of a picture, before they are pooled and projected.
         inner_widths: the same for the features of `inner_features`.
-        fingerprint: a short hash of the weights, which identifies the model.
+        fingerprint: a short hash of the weights and of an unusual preprocessing, which identifies the model.
+        longest: how many tokens of a text the model reads, with those of its beginning and its end.
         folder: the local folder with the model's files, if there is one.
+
+    Raises:
+        ValueError: the preprocessing lacks an entry, or has one that is not supported.
     """
 
     def __init__(
@@ -51,18 +51,18 @@ class Clip:
     ) -> None:  # fmt: skip
         self.name = name
         self.folder = folder
-        self.fingerprint = _fingerprint(model)
+        prepared = Preprocessing.read(preprocessing)
+        self.fingerprint = _fingerprint(model, prepared)
         model.eval().requires_grad_(False)
         if isinstance(model, ResNetClip):
             model.fold_batch_norms()
         self._model = cast(Any, model)  # a CLIPModel, or another class with the same methods
         self._model.to(memory_format=torch.channels_last)
         self.tokenizer = tokenizer
-        size = preprocessing.get("crop_size") or preprocessing["size"]
-        if isinstance(size, dict):
-            size = size.get("height") or size["shortest_edge"]
-        self._size = int(size)
-        mean, std = (255 * torch.tensor(preprocessing[key]).view(3, 1, 1) for key in ("image_mean", "image_std"))
+        self.longest = min(tokenizer.model_max_length, self._model.config.text_config.max_position_embeddings)
+        self._size = prepared.size
+        self._resampling = prepared.mode
+        mean, std = (255 * torch.tensor(values).view(3, 1, 1) for values in (prepared.mean, prepared.std))
         self._scale = 1 / std
         self._shift = -mean / std
         self.dim = int(self._model.config.projection_dim)
@@ -106,19 +106,25 @@ class Clip:
             (N, dim) float32, unit length.
 
         Raises:
-            ValueError: a phrase is empty.
+            ValueError: a phrase is empty, or has more tokens than `longest`.
         """
         if any(not phrase.strip() for phrase in phrases):
             raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
-        new = [phrase for phrase in dict.fromkeys(phrases) if phrase not in self._texts]
+        known = {phrase: self._texts.get(phrase) for phrase in phrases}
+        new = [phrase for phrase, feature in known.items() if feature is None]
         if new:
-            tokens = self.tokenizer(new, padding=True, truncation=True, return_tensors="pt").to(self.device)
+            tokens = self.tokenizer(new, padding=True, return_tensors="pt", verbose=False).to(self.device)
+            for phrase, count in zip(new, tokens["attention_mask"].sum(dim=1).tolist(), strict=True):
+                if count > self.longest:  # Its end would be left out, and with it perhaps the noun.
+                    raise ValueError(
+                        f"a phrase may have at most {self.longest} tokens for {self.name}, got {count}: {phrase!r:.100}"
+                    )
             features = self._model.get_text_features(
                 input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
             )
-            for phrase, feature in zip(new, unit(features), strict=True):
-                self._texts[phrase] = feature
-        return torch.stack([self._texts[phrase] for phrase in phrases])
+            known |= zip(new, unit(features), strict=True)
+            self._texts |= {phrase: known[phrase] for phrase in new}
+        return torch.stack([known[phrase] for phrase in phrases])
 
     @torch.inference_mode()
     def embed_images(self, images: np.ndarray | torch.Tensor, batch_size: int = 64) -> torch.Tensor:
@@ -146,14 +152,14 @@ class Clip:
         Between two actions, a camera without noise sees most parts of a table unchanged.
         """
         keys = [(images.shape[1:], image.tobytes()) for image in images]
-        new = [index for index, key in enumerate(keys) if key not in self._pictures]
+        known = {key: self._pictures.get(key) for key in keys}  # Another thread may forget some of them meanwhile.
+        new = [index for index, key in enumerate(keys) if known[key] is None]
         if new:
             for index, embedding in zip(new, self.embed_images(images[new]).cpu(), strict=True):
-                self._pictures[keys[index]] = embedding.clone()
-        embeddings = torch.stack([self._pictures[key] for key in keys])
+                known[keys[index]] = self._pictures[keys[index]] = embedding.clone()
         for key in list(self._pictures)[: max(0, len(self._pictures) - REMEMBERED)]:
-            del self._pictures[key]
-        return embeddings
+            self._pictures.pop(key, None)
+        return torch.stack([known[key] for key in keys])
 
     @torch.inference_mode()
     def dense_features(self, image: np.ndarray, patch: int) -> torch.Tensor:
@@ -210,14 +216,17 @@ class Clip:
         size = size or (self._size, self._size)
         pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W), channels last
         if pixels.shape[-2:] != tuple(size):
-            pixels = F.interpolate(pixels, tuple(size), mode="bicubic", antialias=True).clamp(0, 255)
+            pixels = F.interpolate(pixels, tuple(size), mode=self._resampling, antialias=True).clamp(0, 255)
         return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels))
 
 
-def _fingerprint(model: torch.nn.Module) -> str:
+def _fingerprint(model: torch.nn.Module, preprocessing: Preprocessing) -> str:
     digest = hashlib.sha256()
     for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode() + value.cpu().float().numpy().tobytes())
+    # Only an unusual preprocessing counts: fingerprints are in checkpoints and rows that are older than this rule.
+    if preprocessing != Preprocessing.standard(model):
+        digest.update(repr(preprocessing).encode())
     return digest.hexdigest()[:16]
 
 
@@ -234,27 +243,6 @@ def unit(features: object) -> torch.Tensor:
     return F.normalize(tensor.float(), dim=-1)
 
 
-def _from_pretrained(name: str, offline: bool) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
-    # Always float32: half precision is slow on a CPU, and too rough for maps that are compared to 1e-4.
-    model = transformers.AutoModel.from_pretrained(name, local_files_only=offline, dtype=torch.float32)
-    tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
-    return model, tokenizer, ImageProcessingMixin.get_image_processor_dict(name, local_files_only=offline)[0]
-
-
-def _find(name: str) -> tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]:
-    """Load from this machine. If the model is not there, print a message and ask the network."""
-    transformers.utils.logging.disable_progress_bar()
-    try:
-        return _from_pretrained(name, offline=True)
-    except OSError:
-        if Path(name).is_dir():
-            raise
-    print(f"{name} is not on this machine; asking Hugging Face (half a minute without a network) ...")
-    transformers.utils.logging.enable_progress_bar()
-    huggingface_hub.utils.logging.set_verbosity_error()
-    return _from_pretrained(name, offline=False)
-
-
 def load(name_or_path: str | Path | None = None) -> Clip:
     """Load a frozen CLIP through transformers.
 
@@ -264,17 +252,23 @@ def load(name_or_path: str | Path | None = None) -> Clip:
             embedded CLIP, which this project trained itself on rendered table scenes.
 
     Raises:
-        OSError: the model is not in the folder, not in the local cache, and cannot be downloaded.
+        OSError: a part of the model is missing in the folder or damaged; or there is no such folder, and the model is
+            not in the local cache and cannot be downloaded.
     """
     name = str(name_or_path or os.environ.get(ENVIRONMENT_VARIABLE) or EMBEDDED)
+    folder = Path(name) if Path(name).is_dir() else None
     try:
-        model, tokenizer, preprocessing = _find(name)
+        model, tokenizer, preprocessing = loading.from_folder(folder) if folder else loading.by_name(name)
     except (OSError, ValueError) as error:
+        if folder:
+            raise
         raise OSError(
             f"the CLIP {name!r} could not be loaded: no such folder, and not in the local cache or reachable.\n"
             f"Give a folder that holds the model, connect once to download it, or unset {ENVIRONMENT_VARIABLE} "
             "to use the embedded CLIP."
         ) from error
-    folder = Path(name) if Path(name).is_dir() else None
     label = f"embedded {folder.name}" if folder and folder.resolve().parent == DATA else name
-    return Clip(label, model, tokenizer, preprocessing, folder)
+    try:
+        return Clip(label, model, tokenizer, preprocessing, folder)
+    except ValueError as error:
+        raise OSError(f"the CLIP {name!r} could not be loaded: {error}") from error

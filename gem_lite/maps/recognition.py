@@ -120,7 +120,10 @@ def knows(clip: Clip, phrase: str) -> bool:
     """
     endings = ("s", "x", "sh", "ch")
     plural = phrase if phrase.endswith("s") else phrase + ("es" if phrase.endswith(endings) else "s")
-    own, *others = clip.embed_texts([phrase, plural, *(template.format(phrase) for template in TEMPLATES)])
+    try:
+        own, *others = clip.embed_texts([phrase, plural, *(template.format(phrase) for template in TEMPLATES)])
+    except ValueError:  # One of these wordings is longer than what the CLIP reads.
+        return False
     return all(float(own @ other) >= clip.calibration.retrieval_threshold for other in others)
 
 
