@@ -24,7 +24,7 @@ EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 REMEMBERED = 20_000
-"""A CLIP remembers the embeddings of this number of small pictures: some 40 MB."""
+"""A CLIP remembers the embeddings of this number of small pictures: some 20 MB."""
 INNER_QUARTERS = (3, 2)
 """After which quarters of the image tower `Clip.inner_features` are taken."""
 
@@ -69,7 +69,7 @@ class Clip:
         self.width = int(self._model.visual_projection.in_features)
         self.inner_widths = tuple(self._inner_width(quarter) for quarter in INNER_QUARTERS)
         self._texts: dict[str, torch.Tensor] = {}
-        self._pictures: dict[tuple[tuple[int, ...], bytes], torch.Tensor] = {}  # by shape and bytes, the oldest first
+        self._pictures: dict[tuple[tuple[int, ...], bytes], torch.Tensor] = {}  # by shape and hash, the oldest first
 
     @cached_property
     def calibration(self) -> Calibration:
@@ -110,8 +110,8 @@ class Clip:
         """
         if any(not phrase.strip() for phrase in phrases):
             raise ValueError(f"phrases must not be empty, got {list(phrases)!r}")
-        known = {phrase: self._texts.get(phrase) for phrase in phrases}
-        new = [phrase for phrase, feature in known.items() if feature is None]
+        known = {phrase: feature for phrase in phrases if (feature := self._texts.get(phrase)) is not None}
+        new = [phrase for phrase in dict.fromkeys(phrases) if phrase not in known]
         if new:
             tokens = self.tokenizer(new, padding=True, return_tensors="pt", verbose=False).to(self.device)
             for phrase, count in zip(new, tokens["attention_mask"].sum(dim=1).tolist(), strict=True):
@@ -122,8 +122,8 @@ class Clip:
             features = self._model.get_text_features(
                 input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
             )
-            known |= zip(new, unit(features), strict=True)
-            self._texts |= {phrase: known[phrase] for phrase in new}
+            for phrase, feature in zip(new, unit(features), strict=True):
+                known[phrase] = self._texts[phrase] = feature
         return torch.stack([known[phrase] for phrase in phrases])
 
     @torch.inference_mode()
@@ -151,9 +151,10 @@ class Clip:
 
         Between two actions, a camera without noise sees most parts of a table unchanged.
         """
-        keys = [(images.shape[1:], image.tobytes()) for image in images]
-        known = {key: self._pictures.get(key) for key in keys}  # Another thread may forget some of them meanwhile.
-        new = [index for index, key in enumerate(keys) if known[key] is None]
+        keys = [(images.shape[1:], hashlib.sha256(image.tobytes()).digest()) for image in images]
+        # Looked up once, since another thread may forget some of them meanwhile.
+        known = {key: embedding for key in keys if (embedding := self._pictures.get(key)) is not None}
+        new = [index for index, key in enumerate(keys) if key not in known]
         if new:
             for index, embedding in zip(new, self.embed_images(images[new]).cpu(), strict=True):
                 known[keys[index]] = self._pictures[keys[index]] = embedding.clone()

@@ -46,10 +46,12 @@ class Preprocessing:
         if isinstance(size, dict):
             size = size.get("height") or size.get("shortest_edge")
         resample = int(entries.get("resample", BICUBIC))
-        mean, std = (entries.get(key) for key in ("image_mean", "image_std"))
-        for name, value in (("size", size), ("image_mean", mean), ("image_std", std)):
-            if not value or (name != "size" and len(value) != 3):
-                raise ValueError(f"preprocessor_config.json must have {name}, got {value!r}")
+        mean, std = (entries.get(key) or () for key in ("image_mean", "image_std"))
+        if not size:
+            raise ValueError(f"preprocessor_config.json must have a size, got {size!r}")
+        for name, values in (("image_mean", mean), ("image_std", std)):
+            if len(values) != 3:
+                raise ValueError(f"preprocessor_config.json must have {name} with three numbers, got {values!r}")
         if resample not in RESAMPLING:
             raise ValueError(f"resample of preprocessor_config.json must be in {sorted(RESAMPLING)}, got {resample}")
         return cls(int(size), tuple(mean), tuple(std), resample)
@@ -57,8 +59,10 @@ class Preprocessing:
     @classmethod
     def standard(cls, model: torch.nn.Module) -> Preprocessing:
         """What a model's kind expects: OpenAI's colours or, for `ResNetClip`, one half."""
-        colors = ((0.5,) * 3, (0.5,) * 3) if isinstance(model, ResNetClip) else (OPENAI_CLIP_MEAN, OPENAI_CLIP_STD)
-        return cls(cast(Any, model).config.vision_config.image_size, *map(tuple, colors), BICUBIC)
+        size = int(cast(Any, model).config.vision_config.image_size)
+        if isinstance(model, ResNetClip):
+            return cls(size, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), BICUBIC)
+        return cls(size, tuple(OPENAI_CLIP_MEAN), tuple(OPENAI_CLIP_STD), BICUBIC)
 
 
 WANTED = {

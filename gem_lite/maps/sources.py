@@ -77,7 +77,7 @@ class ViewSource(MapSource, Generic[ViewEmbedding]):
 
 
 def _digest(picture: np.ndarray) -> bytes:
-    return hashlib.sha256(np.ascontiguousarray(picture)).digest()
+    return hashlib.sha256(np.ascontiguousarray(picture).data).digest()
 
 
 SOURCES: Registry[type[MapSource]] = Registry("map source")
