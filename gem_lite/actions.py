@@ -43,8 +43,8 @@ class Push:
 
 
 Action = PickPlace | Push
-MOST_EQUAL_YAWS = 1e6
-"""A symmetry with more equal yaws is a mistake: 0 stands for all yaws."""
+MOST_EQUAL_YAWS = 360
+"""A symmetry with more equal yaws, by less than a degree, is a mistake: 0 stands for all yaws."""
 
 
 def equal_yaws(symmetry: float, name: str = "symmetry") -> int:
@@ -60,7 +60,7 @@ def equal_yaws(symmetry: float, name: str = "symmetry") -> int:
     if symmetry == 0:
         return 0
     copies = 2 * math.pi / symmetry if symmetry > 0 else 0.0
-    if not 0.5 < copies < MOST_EQUAL_YAWS or abs(copies - round(copies)) > 1e-3:
+    if not 0.5 < copies < MOST_EQUAL_YAWS + 0.5 or abs(copies - round(copies)) > 1e-3:
         raise ValueError(
             f"{name} must be the smallest turn in radians that changes nothing: 2 pi divided by a whole number, or 0 "
             f"if every yaw is right, got {symmetry}"
