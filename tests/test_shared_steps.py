@@ -102,7 +102,7 @@ def test_no_preparation_reads_an_entry_outside_the_identity(name, model, demos):
     [
         {"patch": 40, "stride": 20}, {"parsing": False}, {"own_crop": True}, {"image_weight": 0.5},
         {"text_weight": 1.0}, {"semantic_map": "single-view"}, {"conjuncts": False}, {"top_patch": 0.1},
-        {"pixel": 0.0125, "top_patch": 0.25},
+        {"pixel": 0.015625, "top_patch": 0.25},
     ],
     ids=lambda change: next(iter(change)),
 )  # fmt: skip

@@ -291,8 +291,8 @@ def _check_request(checkpoint: Path, seed: int, device: str) -> None:
     """
     if device != "cpu" and not torch.cuda.is_available():
         raise ValueError(f"this machine has no GPU that torch can use; the device must be cpu, got {device}")
-    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
     if checkpoint.is_dir():
         raise ValueError(f"checkpoint must be a file to write, got the folder {checkpoint}")
+    checkpoints.card_path(checkpoint)  # A wrong name is refused now, not after the training.
     if seed < 0:
         raise ValueError(f"seed must be at least 0, got {seed}")
