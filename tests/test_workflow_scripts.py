@@ -84,6 +84,7 @@ def test_what_cannot_be_measured_ends_in_one_sentence(script, words, sentence, t
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 def test_cleaning_keeps_what_users_trained():
-    done = subprocess.run(["make", "--no-print-directory", "--dry-run", "clean"], cwd=WORKFLOW.parent, capture_output=True, text=True)
+    command = ["make", "--no-print-directory", "--dry-run", "clean"]
+    done = subprocess.run(command, cwd=WORKFLOW.parent, capture_output=True, text=True)
     removed = done.stdout.split()
     assert removed[:2] == ["rm", "-rf"] and ".venv" in removed and "runs" not in removed
