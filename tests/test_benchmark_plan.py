@@ -14,9 +14,9 @@ import yaml
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
+from gem_lite.drawing import benchmark_page, plot_benchmark
 from gem_lite.evaluation import benchmark, results, summaries
 from gem_lite.evaluation.benchmark import Cell, Plan, Training, chosen
-from gem_lite.figures import benchmark_page, plot_benchmark
 from gem_lite.policies import methods
 from gem_lite.policies.gem_config import ABLATIONS
 

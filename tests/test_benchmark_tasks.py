@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 import pybullet as p
 import pytest
+from drawings import plot_gallery
 from test_tasks import lay_out
 
 from gem_lite import colors, language, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import gallery
 from gem_lite.evaluation.benchmark import VARIANTS
-from gem_lite.figures import plot_gallery
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands
 from gem_lite.simulation.goals import VolumeMetric

@@ -14,11 +14,11 @@ import transformers
 from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
+from experiments.clip_tabletop import bodies, card, crops, pretrain, scenes, vocabulary
+from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, Scene
+from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip, colors, tasks
 from gem_lite.clip import calibration
-from gem_lite.clip_training import clip_bodies, clip_card, clip_crops, clip_scenes, pretrain_clip, vocabulary
-from gem_lite.clip_training.clip_bodies import COLOR_NAMES, NOUN_NAMES, Label, Scene
-from gem_lite.clip_training.clip_crops import PART_KEYS, Crops
 from gem_lite.learning import calibrating
 from gem_lite.maps import patches, semantic_map
 from gem_lite.se2 import Workspace
@@ -39,11 +39,11 @@ def test_embeddings_are_unit_length_and_deterministic(model):
 
 def test_text_is_pooled_at_the_end_token(model):
     # The trap: with eos_token_id 2, transformers pools at argmax(input_ids), some other word.
-    assert model._model.config.text_config.eos_token_id == pretrain_clip.EOS != 2
+    assert model._model.config.text_config.eos_token_id == pretrain.EOS != 2
     tokens = model.tokenizer(["red block", "a picture of the purple letter R shape"], padding=True, return_tensors="pt")
     output = model._model.text_model(**{k: tokens[k] for k in ("input_ids", "attention_mask")})
     for row, (ids, pooled) in enumerate(zip(tokens["input_ids"], output.pooler_output, strict=True)):
-        end = (ids == pretrain_clip.EOS).nonzero()[0, 0]
+        end = (ids == pretrain.EOS).nonzero()[0, 0]
         assert torch.allclose(pooled, output.last_hidden_state[row, end])
 
 
@@ -58,14 +58,14 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(mod
     lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
     said = set(" ".join([*itertools.chain(*lists), *vocabulary.NOUNS_WITHOUT_PICTURES, *vocabulary.TABLE]).split())
     synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
-    assert all(clip_card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
+    assert all(card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
     card = (clip.EMBEDDED / "README.md").read_text()
     for words, plain, template in (
-        (clip_card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
-        (clip_card.UNREAD_NOUNS, NOUN_NAMES, "a {}"),
+        (card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
+        (card.UNREAD_NOUNS, NOUN_NAMES, "a {}"),
     ):
         assert not said & set(itertools.chain(*words.values()))
-        right = clip_card.unread_words(model, words, plain, template)
+        right = card.unread_words(model, words, plain, template)
         assert sum(right) <= 0.2 * len(right)
         assert f"{sum(right)} of {len(right)} words for its" in card
 
@@ -94,31 +94,31 @@ def test_any_text_is_accepted(model):
 
 def test_zero_shot_on_fresh_renders(model):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
-    crops = clip_crops.render_crops(10, seed=77, kind="test")
-    found = clip_card.accuracy(model, crops.select(crops.whole))
+    crops = crops.render_crops(10, seed=77, kind="test")
+    found = card.accuracy(model, crops.select(crops.whole))
     assert found["crops"] > 250
     assert found["color"] >= 98
     assert found["shape"] >= 92  # of 230: chance is 0.4
     assert found["both"] >= 90
-    reworded = clip_card.accuracy(model, crops.select(crops.whole), synonyms=True)
+    reworded = card.accuracy(model, crops.select(crops.whole), synonyms=True)
     assert all(reworded[key] >= found[key] - 5 for key in ("color", "shape", "both"))
-    assert clip_card.part_accuracy(model, crops)["own"] >= 90
+    assert card.part_accuracy(model, crops)["own"] >= 90
 
 
 def test_pairs_never_shown_are_composed(model):
-    crops = clip_crops.render_crops(8, seed=78, kind="held-out")
-    held = clip_card._held_out(crops.select(crops.whole))
+    crops = crops.render_crops(8, seed=78, kind="held-out")
+    held = card._held_out(crops.select(crops.whole))
     assert len(held) > 100
-    assert clip_card.accuracy(model, held)["both"] >= 85
+    assert card.accuracy(model, held)["both"] >= 85
 
 
 def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
-    first = clip_crops.rendered_crops(tmp_path, 1, seed=81)
-    monkeypatch.setattr(clip_crops, "render_crops", None)  # a second rendering would fail
-    again = clip_crops.rendered_crops(tmp_path, 1, seed=81)
+    first = crops.rendered_crops(tmp_path, 1, seed=81)
+    monkeypatch.setattr(crops, "render_crops", None)  # a second rendering would fail
+    again = crops.rendered_crops(tmp_path, 1, seed=81)
     assert np.array_equal(first.images, again.images) and np.array_equal(first.shape, again.shape)
     with pytest.raises(TypeError):
-        clip_crops.rendered_crops(tmp_path, 1, seed=82)
+        crops.rendered_crops(tmp_path, 1, seed=82)
 
 
 def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, monkeypatch):
@@ -128,20 +128,20 @@ def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, m
         rendered.append(kind)
         return Crops(*(np.array([len(rendered)]) for _ in range(5)))
 
-    monkeypatch.setattr(clip_crops, "render_crops", render_crops)
+    monkeypatch.setattr(crops, "render_crops", render_crops)
     kinds = ["training", "test", "training", "test"]
-    found = [int(clip_crops.rendered_crops(tmp_path, 1, seed=81, kind=kind).images[0]) for kind in kinds]
+    found = [int(crops.rendered_crops(tmp_path, 1, seed=81, kind=kind).images[0]) for kind in kinds]
     assert found == [1, 2, 1, 2] and rendered == ["training", "test"]
-    monkeypatch.setattr(clip_crops, "CAMERAS", clip_crops.CAMERAS[::-1])  # other pictures of the same scenes
-    assert clip_crops.rendered_crops(tmp_path, 1, seed=81).images[0] == 3
+    monkeypatch.setattr(crops, "CAMERAS", crops.CAMERAS[::-1])  # other pictures of the same scenes
+    assert crops.rendered_crops(tmp_path, 1, seed=81).images[0] == 3
 
 
 def test_accuracy_counts_what_it_says(model):
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
-    crops = clip_crops.render_crops(2, seed=79, kind="test")
+    crops = crops.render_crops(2, seed=79, kind="test")
     crops = crops.select(crops.whole & (crops.shape >= 0))
     crops.color = np.where(crops.color < 0, -1, (crops.color + 1) % len(COLOR_NAMES))
-    found = clip_card.accuracy(model, crops)
+    found = card.accuracy(model, crops)
     assert found["color"] < 10
     assert found["both"] < 10
     assert found["shape"] > 80
@@ -289,7 +289,7 @@ def save_clip_model(folder, config, image_size):
 def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     config = CLIPConfig(
         text_config={"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2,
-                     "vocab_size": 2000, "eos_token_id": pretrain_clip.EOS, "max_position_embeddings": 32},
+                     "vocab_size": 2000, "eos_token_id": pretrain.EOS, "max_position_embeddings": 32},
         vision_config={"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2,
                        "image_size": 64, "patch_size": 16},
         projection_dim=24,
@@ -319,7 +319,7 @@ def vit_b_32(tmp_path_factory):
     """A model of openai/clip-vit-base-patch32's size and image size, loaded from a folder; weights are random."""
     folder = tmp_path_factory.mktemp("vit-b-32")
     # CLIPConfig's own defaults are ViT-B/32's; only the end token is our tokenizer's.
-    save_clip_model(folder, CLIPConfig(text_config={"eos_token_id": pretrain_clip.EOS}), 224)
+    save_clip_model(folder, CLIPConfig(text_config={"eos_token_id": pretrain.EOS}), 224)
     return clip.load(folder)
 
 
@@ -396,12 +396,12 @@ def test_no_name_means_two_things():
 
 def test_training_never_draws_what_is_held_out():
     rng = np.random.default_rng(0)
-    drawn = [clip_bodies.draw("training", rng) for _ in range(4000)]
+    drawn = [bodies.draw("training", rng) for _ in range(4000)]
     for color, shape, rgba in drawn:
         name = COLOR_NAMES[color] if color >= 0 else vocabulary.nearest_color(255 * np.array(rgba[:3]))
         assert (name, shape) not in vocabulary.HELD_OUT
     assert 0.25 < np.mean([color < 0 for color, _, _ in drawn]) < 0.45
-    shown = [clip_bodies.draw("held-out", rng) for _ in range(1000)]
+    shown = [bodies.draw("held-out", rng) for _ in range(1000)]
     held = [(COLOR_NAMES[c], s) in vocabulary.HELD_OUT for c, s, _ in shown]
     assert 0.4 < np.mean(held) < 0.6
 
@@ -410,17 +410,17 @@ def test_a_crop_is_labelled_by_what_fills_its_middle():
     mug = NOUN_NAMES.index("mug")
     scene = Scene({7: Label(2, mug, ("", "brim", "handle")), 8: Label(4, 0), 9: Label(-1, 1)}, ground={9})
     bodies, links = np.full((40, 40), -1), np.zeros((40, 40), int)
-    assert clip_crops._label(bodies, links, scene) == (-1, -1, -1)
+    assert crops._label(bodies, links, scene) == (-1, -1, -1)
     bodies[10:30, 10:30] = 7
-    assert clip_crops._label(bodies, links, scene) == (2, mug, -1)
+    assert crops._label(bodies, links, scene) == (2, mug, -1)
     links[10:30, 10:27] = 2
-    assert clip_crops._label(bodies, links, scene) == (2, mug, PART_KEYS.index(("mug", "handle")))
+    assert crops._label(bodies, links, scene) == (2, mug, PART_KEYS.index(("mug", "handle")))
     bodies[10:30, :20] = 8
-    assert clip_crops._label(bodies, links, scene) is None  # two compete
+    assert crops._label(bodies, links, scene) is None  # two compete
     bodies[:, :] = 9
-    assert clip_crops._label(bodies, links, scene) == (-1, 1, -1)
+    assert crops._label(bodies, links, scene) == (-1, 1, -1)
     bodies[12:26, 12:26] = 8
-    assert clip_crops._label(bodies, links, scene) == (4, 0, -1)  # what lies on the ground counts more
+    assert crops._label(bodies, links, scene) == (4, 0, -1)  # what lies on the ground counts more
 
 
 def test_a_pile_is_one_body_in_pictures():
@@ -436,7 +436,7 @@ def test_scenes_show_what_the_tasks_build():
     for index in range(60):
         client = p.connect(p.DIRECT)
         try:
-            scene = clip_scenes.lay_out(client, Workspace(), "training", np.random.default_rng((3, index)))
+            scene = scenes.lay_out(client, Workspace(), "training", np.random.default_rng((3, index)))
         finally:
             p.disconnect(client)
         shown |= {NOUN_NAMES[label.noun] for label in scene.labels.values()}
@@ -462,7 +462,7 @@ def test_captions_match_their_crops():
         np.zeros((4, 2, 2, 3), np.uint8), np.array([0, -1, 0, -1]), np.array([mug, hat, mug, -1]),
         np.array([handle, -1, -1, -1]), np.ones(4, bool),
     )  # fmt: skip
-    full, color, shape, part = pretrain_clip.caption_sets(crops, np.random.default_rng(0))
+    full, color, shape, part = pretrain.caption_sets(crops, np.random.default_rng(0))
     assert full[0].tolist() == [0, 2, 3]  # a hat in an unnamed colour has no full caption
     assert set(full[1]) == {("blue", "mug", None), (None, None, None)}
     assert color[0].tolist() == [0, 2, 3]
@@ -488,7 +488,7 @@ def test_training_on_other_crops_does_not_resume(tmp_path):
     torch.save({"identity": {"crops": 1}}, tmp_path / "state.pt")
     crops = Crops(np.zeros((512, 40, 40, 3), np.uint8), *(np.zeros(512, int) for _ in range(4)))
     with pytest.raises(ValueError, match="delete it first"):
-        pretrain_clip.train(crops, 1, 0, tmp_path)
+        pretrain.train(crops, 1, 0, tmp_path)
 
 
 def test_held_out_pairs_are_many_and_known():
@@ -499,18 +499,18 @@ def test_held_out_pairs_are_many_and_known():
 
 
 def test_a_damaged_state_of_the_clips_training_is_named(tmp_path):
-    crops = clip_crops.Crops(np.zeros((600, 40, 40, 3), np.uint8), *np.zeros((3, 600), int), np.ones(600, bool))
+    crops = crops.Crops(np.zeros((600, 40, 40, 3), np.uint8), *np.zeros((3, 600), int), np.ones(600, bool))
     (tmp_path / "state.pt").write_bytes(b"")
     with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training"):
-        pretrain_clip.train(crops, 1, 0, tmp_path)
+        pretrain.train(crops, 1, 0, tmp_path)
 
 
 def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
-    tokenizer = pretrain_clip.train_tokenizer()
-    model = pretrain_clip.make_model(len(tokenizer))
+    tokenizer = pretrain.train_tokenizer()
+    model = pretrain.make_model(len(tokenizer))
     out = tmp_path / "out"
     for _ in range(2):  # the second time into the CLIP of the first
-        pretrain_clip.save(model, tokenizer, out)
+        pretrain.save(model, tokenizer, out)
         assert clip.load(out).dim == 128
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     (out / "notes.txt").write_text("mine")
@@ -519,7 +519,7 @@ def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
     (other / "config.json").write_text('{"architectures": ["CLIPModel"]}')
     for folder, name in ((out, "notes.txt"), (other, "config.json"), (other / "config.json", "config.json")):
         with pytest.raises(ValueError, match=rf"out must be a new or empty folder.* holds {name}$"):
-            pretrain_clip.pretrain(folder, tmp_path / "run", 1, 1, 0)
+            pretrain.pretrain(folder, tmp_path / "run", 1, 1, 0)
         with pytest.raises(ValueError, match="out must be"):
-            pretrain_clip.save(model, tokenizer, folder)
+            pretrain.save(model, tokenizer, folder)
     assert (out / "notes.txt").exists() and (other / "config.json").exists()

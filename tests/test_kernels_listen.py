@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
+from experiments.clip_tabletop import vocabulary
 from gem_lite import clip, language
-from gem_lite.clip_training import vocabulary
 from gem_lite.evaluation import kernels
 from gem_lite.policies import checkpoints
 

@@ -3,8 +3,8 @@ import re
 import numpy as np
 import pytest
 
+from experiments.clip_tabletop import vocabulary
 from gem_lite import colors, language, tasks
-from gem_lite.clip_training import vocabulary
 from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
 from gem_lite.maps import locations
 from gem_lite.simulation import objects, ropes, shapes

@@ -8,7 +8,7 @@ import pytest
 import traitlets
 
 from gem_lite.actions import PickPlace
-from gem_lite.figures.mark_action import MarkAction, show_marked
+from gem_lite.drawing.mark_action import MarkAction, show_marked
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace
 

@@ -6,12 +6,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
+from drawings import plot_pick, plot_place, plot_results
 from PIL import Image
 
 from gem_lite.actions import PickPlace
+from gem_lite.drawing import pictures
 from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
-from gem_lite.figures import pictures, plot_pick, plot_place, plot_results
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap

@@ -3,10 +3,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from drawings import plot_many_tasks
+from drawings.plot_many_tasks import Retrieval, Table
 
 from gem_lite.actions import PickPlace, Push
-from gem_lite.figures import plot_many_tasks
-from gem_lite.figures.plot_many_tasks import Retrieval, Table
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.steerable import disc
 

@@ -9,10 +9,10 @@ import pytest
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.demonstrations import ExpertAction
+from gem_lite.drawing import benchmark_page
 from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, failures, pointing, results, statistics
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
-from gem_lite.figures import benchmark_page
 from gem_lite.policies.base import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2

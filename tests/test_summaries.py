@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gem_lite import tasks
+from gem_lite.drawing import plot_benchmark
 from gem_lite.evaluation import benchmark, results, statistics, summaries
 from gem_lite.evaluation.results import Score
-from gem_lite.figures import plot_benchmark
 
 SEEN, UNSEEN = "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors"
 ROPE, PILES = "align-rope", "separating-piles-seen-colors"

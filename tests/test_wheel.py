@@ -20,7 +20,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 GROUPS = PROJECT["project"]["optional-dependencies"]
 ROBOT = next(c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"] == "forbidden")["source_modules"]
 """The modules that need the core group alone."""
-GROUP_OF = {"gem_lite.figures": "notebooks", "gem_lite.cli": "demo"}
+GROUP_OF = {"gem_lite.drawing": "notebooks", "gem_lite.cli": "demo"}
 """What other packages need; "sim" where nothing is said."""
 POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl-seen-colors-10"
 USE_ALL = """

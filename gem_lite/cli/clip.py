@@ -44,9 +44,9 @@ class Pretrain(_TrainingInEpochs):
 
     @override
     def run(self) -> None:
-        from gem_lite.clip_training import pretrain_clip
+        from experiments.clip_tabletop import pretrain
 
-        print(pretrain_clip.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
+        print(pretrain.pretrain(self.out, self.state, self.scenes, self.epochs, self.seed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,10 +62,10 @@ class Card(Command):
 
     @override
     def run(self) -> None:
+        from experiments.clip_tabletop import card
         from gem_lite import clip
-        from gem_lite.clip_training import clip_card
 
-        print(clip_card.write(self.folder, clip.load(self.folder), self.training_crops))
+        print(card.write(self.folder, clip.load(self.folder), self.training_crops))
 
 
 @dataclass(frozen=True, kw_only=True)

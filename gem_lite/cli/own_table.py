@@ -81,7 +81,7 @@ class CheckCameras(OwnTable):
 
     @override
     def run(self) -> None:
-        from gem_lite.figures import plot_own_table
+        from gem_lite.drawing import plot_own_table
         from gem_lite.maps import looking
         from gem_lite.rgbd import camera_check
         from gem_lite.rgbd.camera_mistakes import cloud
@@ -142,7 +142,7 @@ class Look(OwnTable):
     @override
     def run(self) -> None:
         from gem_lite.actions import PickPlace
-        from gem_lite.figures import plot_own_table, plots
+        from gem_lite.drawing import plot_own_table, plots
         from gem_lite.maps import looking, recognition
         from gem_lite.rgbd.observation import Observation
 

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import ClassVar
 
 import yaml
+from drawings import plot_gallery
 from tqdm import tqdm
 from typing_extensions import override
 from tyro.conf import Positional
 
 from gem_lite import tasks
 from gem_lite.cli.command import Command, ImportingCommand
+from gem_lite.drawing import benchmark_page, plot_benchmark
 from gem_lite.evaluation import benchmark, gallery, summaries
-from gem_lite.figures import benchmark_page, plot_benchmark, plot_gallery
 from gem_lite.files import write_atomically
 
 SCALED = ((10, 100), (10, 20, 100))

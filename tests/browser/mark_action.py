@@ -38,7 +38,7 @@ return panel.sessionContext.session?.kernel?.connectionStatus === 'connected';""
 SENTENCE = "put the red block in the blue bowl"
 CELLS = (
     """from gem_lite import clip
-from gem_lite.figures.mark_action import MarkAction
+from gem_lite.drawing.mark_action import MarkAction
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Workspace

@@ -6,7 +6,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gem_lite.clip_training import vocabulary
+from experiments.clip_tabletop import vocabulary
 from gem_lite.language import PLACING, VERBS, Queries, conjuncts, parse, parse_thing, word_lists
 from gem_lite.maps.locations import without_location
 

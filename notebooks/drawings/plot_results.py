@@ -11,9 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from gem_lite.evaluation.failures import Failure
-from gem_lite.evaluation.results import Score
-from gem_lite.figures.plots import (
+from gem_lite.drawing.plots import (
     LEAST_LOGIT,
     MAP_COLORS,
     OUTLINE,
@@ -23,6 +21,8 @@ from gem_lite.figures.plots import (
     action_map,
     bare,
 )
+from gem_lite.evaluation.failures import Failure
+from gem_lite.evaluation.results import Score
 from gem_lite.policies.base import Choice
 from gem_lite.policies.samples import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix

@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from gem_lite.drawing.plots import bare
 from gem_lite.evaluation.gallery import ExpertStory
-from gem_lite.figures.plots import bare
 
 TABLE_PART = np.s_[150:, :]
 """The part of the front camera's picture that shows the table."""

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import Action, Push
-from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.drawing.plots import PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.se2 import Pose2, Workspace
 
 SIGNED = "RdBu_r"

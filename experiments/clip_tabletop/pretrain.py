@@ -1,6 +1,6 @@
 """Train the embedded CLIP on captions and crops that this project renders itself.
 
-`gem_lite.clip_training.clip_crops` renders the pictures, `gem_lite.clip_training.vocabulary` writes their captions,
+`experiments.clip_tabletop.crops` renders the pictures, `experiments.clip_tabletop.vocabulary` writes their captions,
 and the result is stored in the Hugging Face format. It knows colours and shapes that are in no demonstration, like
 the paper's CLIP.
 """
@@ -23,12 +23,12 @@ from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers,
 from tqdm import tqdm
 from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
 
+from experiments.clip_tabletop import card, vocabulary
+from experiments.clip_tabletop.crops import IMAGE_SIZE, PART_KEYS, Crops, rendered_crops
+from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite import clip
 from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
-from gem_lite.clip_training import clip_card, vocabulary
-from gem_lite.clip_training.clip_crops import IMAGE_SIZE, PART_KEYS, Crops, rendered_crops
-from gem_lite.clip_training.clip_scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.files import read_json
 from gem_lite.learning import calibrating, training_state
 
@@ -318,7 +318,7 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
     print(f"wrote {out} after {time.time() - start:.0f} s")
     embedded = clip.load(out)
     calibration.write(embedded, calibrating.calibrate(embedded, calibrating.rendered_scenes()))
-    return clip_card.write(out, embedded, len(crops))
+    return card.write(out, embedded, len(crops))
 
 
 def check_size(scenes: int, epochs: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
-from gem_lite.figures.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.maps.looking import Place
 from gem_lite.rgbd.heightmap import HeightMap
 

@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gem_lite.figures.plots import OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
+from gem_lite.drawing.plots import OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 

@@ -10,10 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from gem_lite.drawing.plots import MAP_COLORS, SAFE_COLORS
 from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.evaluation.summaries import MeanAndInterval, mean_over_tasks
-from gem_lite.figures.plots import MAP_COLORS, SAFE_COLORS
 
 Row = dict[str, Any]
 """A row of results, see `gem_lite.evaluation.results`."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gem_lite.drawing.plot_benchmark import MARK, Row, cell, interval_text, lines_of
 from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.evaluation.summaries import COMPARED, scores
-from gem_lite.figures.plot_benchmark import MARK, Row, cell, interval_text, lines_of
 
 OVERVIEW = {
     "gem": "GEM",

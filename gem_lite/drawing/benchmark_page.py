@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+from gem_lite.drawing import experiment_tables
+from gem_lite.drawing.experiment_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
+from gem_lite.drawing.plot_benchmark import MARK, Row, Table, interval_text, lines_of, markdown
 from gem_lite.evaluation import benchmark, results
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.summaries import (
@@ -16,9 +19,6 @@ from gem_lite.evaluation.summaries import (
     table_rows,
     weighted_sum,
 )
-from gem_lite.figures import experiment_tables
-from gem_lite.figures.experiment_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
-from gem_lite.figures.plot_benchmark import MARK, Row, Table, interval_text, lines_of, markdown
 
 OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
 """The last lines of the first table: tasks that are not the paper's."""

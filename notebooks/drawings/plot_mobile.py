@@ -10,8 +10,8 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper, draw_zoom
 from gem_lite.evaluation.results import Score
-from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper, draw_zoom
 from gem_lite.policies.several_tables import MobileChoice, stitch
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap

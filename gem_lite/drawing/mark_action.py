@@ -15,7 +15,7 @@ import traitlets
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
-from gem_lite.figures.plots import PICK_COLOR, PLACE_COLOR, show_heightmap
+from gem_lite.drawing.plots import PICK_COLOR, PLACE_COLOR, show_heightmap
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gem_lite.figures.plots import OUTLINE, PICK_COLOR, bare
+from gem_lite.drawing.plots import OUTLINE, PICK_COLOR, bare
 from gem_lite.se2 import rotation_matrix
 
 SIGNED = "RdBu_r"

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from gem_lite.figures.plots import MAP_COLORS, OUTLINE, SAFE_COLORS, bare
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, SAFE_COLORS, bare
 
 SIGNED = "PuOr_r"
 """Cosines have both signs: orange is positive, purple negative, white 0."""

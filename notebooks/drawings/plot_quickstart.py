@@ -14,8 +14,8 @@ from PIL import Image as Pillow
 from typing_extensions import override
 
 from gem_lite.actions import GripperState, PickPlace
-from gem_lite.figures import pictures
-from gem_lite.figures.plots import (
+from gem_lite.drawing import pictures
+from gem_lite.drawing.plots import (
     LEAST_LOGIT,
     MAP_COLORS,
     PICK_COLOR,

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from drawings.plot_kernels import SIGNED
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from scipy.ndimage import maximum_filter
 
-from gem_lite.figures.plot_kernels import SIGNED
-from gem_lite.figures.plots import LEAST_LOGIT, OUTLINE, PICK_COLOR, action_map, bare, draw_gripper
+from gem_lite.drawing.plots import LEAST_LOGIT, OUTLINE, PICK_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.clip_tabletop import vocabulary
+from experiments.clip_tabletop.crops import PART_KEYS, Crops, render_crops
+from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.clip import Clip
-from gem_lite.clip_training import vocabulary
-from gem_lite.clip_training.clip_crops import PART_KEYS, Crops, render_crops
-from gem_lite.clip_training.clip_scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.simulation import objects, shapes
 
 SEED = 1_000_003

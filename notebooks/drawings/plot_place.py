@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from drawings.plot_kernels import SIGNED
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
-from gem_lite.figures.plot_kernels import SIGNED
-from gem_lite.figures.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
+from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper
 from gem_lite.policies.samples import HEIGHT_SCALE, RGBD, to_picture
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2

@@ -20,8 +20,8 @@ import pybullet as p
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from gem_lite.clip_training import vocabulary
-from gem_lite.clip_training.clip_scenes import NOUN_NAMES, Kind, Scene, lay_out
+from experiments.clip_tabletop import vocabulary
+from experiments.clip_tabletop.scenes import NOUN_NAMES, Kind, Scene, lay_out
 from gem_lite.rgbd.camera import Camera, as_pose
 from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Workspace

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import GripperState
-from gem_lite.figures.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import plateau_centre
 from gem_lite.rgbd.heightmap import HeightMap

@@ -12,7 +12,7 @@ import pybullet as p
 import pybullet_data
 import trimesh
 
-from gem_lite.clip_training import vocabulary
+from experiments.clip_tabletop import vocabulary
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import objects, shapes, symbols, tiles
 from gem_lite.simulation.shapes import Body

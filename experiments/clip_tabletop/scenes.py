@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pybullet as p
 
-from gem_lite.clip_training import vocabulary
-from gem_lite.clip_training.clip_bodies import (
+from experiments.clip_tabletop import vocabulary
+from experiments.clip_tabletop.bodies import (
     COLOR_NAMES,
     NOUN_NAMES,
     Builder,

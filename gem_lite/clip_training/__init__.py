@@ -1,1 +1,0 @@
-"""How the embedded CLIPs are made, and their cards."""
