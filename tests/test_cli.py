@@ -83,13 +83,8 @@ def test_an_example_reads_what_is_there(name, example):
         assert not word.startswith("benchmark/") or (results.RESULTS / word).is_dir()
 
 
-def test_the_example_of_a_card_keeps_the_shipped_card_true():
-    (example,) = kind("clip card").examples
-    assert f"on {shlex.split(example)[-1]} crops" in (clip.EMBEDDED / "README.md").read_text()
-
-
 LIGHT = (
-    "demo", "verify", "pointing", "check-cameras", "look", "clip pretrain", "clip card", "clip calibrate",
+    "demo", "verify", "pointing", "check-cameras", "look", "clip calibrate",
     "results list", "results show",
 )  # fmt: skip
 """Commands whose help lists no names that torch's modules or the simulator's register."""
@@ -105,7 +100,7 @@ def test_a_help_that_lists_no_names_loads_neither_torch_nor_the_simulator():
 
 def test_unknown_commands_are_refused_with_the_nearest(capsys):
     assert said(capsys, "trian") == "gem-lite has no command 'trian'; the nearest: train"
-    assert said(capsys, "clip", "pretrian") == "gem-lite has no command 'clip pretrian'; the nearest: clip pretrain"
+    assert said(capsys, "clip", "calibrat") == "gem-lite has no command 'clip calibrat'; the nearest: clip calibrate"
     assert said(capsys, "zzz") == "gem-lite has no command 'zzz'; see gem-lite --help"
 
 
@@ -146,11 +141,7 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         (f"several-tables {BOWL_POLICY}", "m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m"),
         ("pointing --kind circles", "--kind must be one of bowls, shapes, got 'circles'"),
         ("pointing --scenes 0", "scenes must be at least 1, got 0"),
-        ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
-        ("clip pretrain --seed -1", "seed must be at least 0, got -1"),
-        ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
         ("clip calibrate .", "the CLIP folder '.' has no configuration: config.json is missing"),
-        ("clip card folder", "gem-lite clip card needs --training-crops"),
         ("results show nothing", "there are no results named 'nothing'; there are: object-sorting, "),
         ("results show benchmark/bars-in-box --method nobody", "benchmark/bars-in-box has no such row"),
         ("results list --folder nowhere", "nowhere is no folder of results"),
@@ -206,7 +197,6 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch, capsys):
             ["demos", "policy.safetensors"],
             "the same command goes on from the last state in runs/policy-aa3ef115",
         ),
-        ("clip pretrain", [], "the same command goes on from the last epoch in runs/pretrain_clip"),
         ("verify", ["demos"], "stopped"),
     ):
         monkeypatch.setattr(kind(name), "run", stopped)

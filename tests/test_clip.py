@@ -1,12 +1,10 @@
 import csv
-import itertools
 import json
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import pybullet as p
 import pytest
 import safetensors.torch
 import torch
@@ -14,14 +12,11 @@ import transformers
 from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
-from experiments.clip_tabletop import bodies, card, crops, pretrain, scenes, vocabulary
-from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, Scene
-from experiments.clip_tabletop.crops import PART_KEYS, Crops
+from experiments.clip_tabletop import pretrain
 from gem_lite import clip, colors, tasks
 from gem_lite.clip import calibration
 from gem_lite.learning import calibrating
 from gem_lite.maps import patches, semantic_map
-from gem_lite.se2 import Workspace
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +49,6 @@ def test_every_word_of_a_phrase_counts(model):
     assert a @ color < 0.9
 
 
-def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
-    lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())
-    said = set(" ".join([*itertools.chain(*lists), *vocabulary.NOUNS_WITHOUT_PICTURES, *vocabulary.TABLE]).split())
-    synonyms = {"blue": ("azure",), "red": ("scarlet", "crimson"), "green": ("emerald",)}
-    assert all(card.unread_words(model, synonyms, COLOR_NAMES, "{} block")), "a word of its captions is understood"
-    card = (clip.EMBEDDED / "README.md").read_text()
-    for words, plain, template in (
-        (card.UNREAD_COLORS, COLOR_NAMES, "{} block"),
-        (card.UNREAD_NOUNS, NOUN_NAMES, "a {}"),
-    ):
-        assert not said & set(itertools.chain(*words.values()))
-        right = card.unread_words(model, words, plain, template)
-        assert sum(right) <= 0.2 * len(right)
-        assert f"{sum(right)} of {len(right)} words for its" in card
-
-
 def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
     rng = np.random.default_rng(0)
     first = rng.integers(0, 256, (3, 20, 20, 3), np.uint8)
@@ -90,61 +69,6 @@ def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
 
 def test_any_text_is_accepted(model):
     assert torch.isfinite(model.embed_texts(["Zürich 東京 🤖 zzyzx"])).all()
-
-
-def test_zero_shot_on_fresh_renders(model):
-    # Seeds that neither training nor the card used, and proportions of objects that training never showed.
-    crops = crops.render_crops(10, seed=77, kind="test")
-    found = card.accuracy(model, crops.select(crops.whole))
-    assert found["crops"] > 250
-    assert found["color"] >= 98
-    assert found["shape"] >= 92  # of 230: chance is 0.4
-    assert found["both"] >= 90
-    reworded = card.accuracy(model, crops.select(crops.whole), synonyms=True)
-    assert all(reworded[key] >= found[key] - 5 for key in ("color", "shape", "both"))
-    assert card.part_accuracy(model, crops)["own"] >= 90
-
-
-def test_pairs_never_shown_are_composed(model):
-    crops = crops.render_crops(8, seed=78, kind="held-out")
-    held = card._held_out(crops.select(crops.whole))
-    assert len(held) > 100
-    assert card.accuracy(model, held)["both"] >= 85
-
-
-def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
-    first = crops.rendered_crops(tmp_path, 1, seed=81)
-    monkeypatch.setattr(crops, "render_crops", None)  # a second rendering would fail
-    again = crops.rendered_crops(tmp_path, 1, seed=81)
-    assert np.array_equal(first.images, again.images) and np.array_equal(first.shape, again.shape)
-    with pytest.raises(TypeError):
-        crops.rendered_crops(tmp_path, 1, seed=82)
-
-
-def test_crops_of_another_kind_or_another_renderer_are_rendered_anew(tmp_path, monkeypatch):
-    rendered = []
-
-    def render_crops(scenes, seed, kind):
-        rendered.append(kind)
-        return Crops(*(np.array([len(rendered)]) for _ in range(5)))
-
-    monkeypatch.setattr(crops, "render_crops", render_crops)
-    kinds = ["training", "test", "training", "test"]
-    found = [int(crops.rendered_crops(tmp_path, 1, seed=81, kind=kind).images[0]) for kind in kinds]
-    assert found == [1, 2, 1, 2] and rendered == ["training", "test"]
-    monkeypatch.setattr(crops, "CAMERAS", crops.CAMERAS[::-1])  # other pictures of the same scenes
-    assert crops.rendered_crops(tmp_path, 1, seed=81).images[0] == 3
-
-
-def test_accuracy_counts_what_it_says(model):
-    # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
-    crops = crops.render_crops(2, seed=79, kind="test")
-    crops = crops.select(crops.whole & (crops.shape >= 0))
-    crops.color = np.where(crops.color < 0, -1, (crops.color + 1) % len(COLOR_NAMES))
-    found = card.accuracy(model, crops)
-    assert found["color"] < 10
-    assert found["both"] < 10
-    assert found["shape"] > 80
 
 
 def test_paraphrases_find_their_crop_and_strangers_none(model):
@@ -373,153 +297,3 @@ def test_threshold_parts_rewordings_from_other_things(model):
         plain, reworded, bowl = model.embed_texts([f"{color} block", f"the {color} blocks", f"{color} bowl"])
         same, other = plain @ reworded, plain @ bowl
         assert same > threshold > other
-
-
-def test_tokenizer_and_captions_are_seeded():
-    first, again = (vocabulary.caption("red", "block", np.random.default_rng(5)) for _ in range(2))
-    assert first == again
-    assert vocabulary.plural("block") == "blocks"
-    assert vocabulary.plural("cross") == "crosses"
-    assert vocabulary.plural("magnifying glass") == "magnifying glasses"
-    assert vocabulary.plural("scissors") == "scissors"
-    assert vocabulary.plural("middle of the stand") == "middle of the stand"
-    parts = {vocabulary.caption("blue", "mug", np.random.default_rng(i), "handle") for i in range(40)}
-    assert any("grip" in text for text in parts)
-    assert all("handle" in text or "grip" in text for text in parts)
-
-
-def test_no_name_means_two_things():
-    named = [name for names in (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values()) for name in names]
-    assert len(set(named)) == len(named)
-    assert not set(named) & set(vocabulary.NOUNS_WITHOUT_PICTURES)
-
-
-def test_training_never_draws_what_is_held_out():
-    rng = np.random.default_rng(0)
-    drawn = [bodies.draw("training", rng) for _ in range(4000)]
-    for color, shape, rgba in drawn:
-        name = COLOR_NAMES[color] if color >= 0 else vocabulary.nearest_color(255 * np.array(rgba[:3]))
-        assert (name, shape) not in vocabulary.HELD_OUT
-    assert 0.25 < np.mean([color < 0 for color, _, _ in drawn]) < 0.45
-    shown = [bodies.draw("held-out", rng) for _ in range(1000)]
-    held = [(COLOR_NAMES[c], s) in vocabulary.HELD_OUT for c, s, _ in shown]
-    assert 0.4 < np.mean(held) < 0.6
-
-
-def test_a_crop_is_labelled_by_what_fills_its_middle():
-    mug = NOUN_NAMES.index("mug")
-    scene = Scene({7: Label(2, mug, ("", "brim", "handle")), 8: Label(4, 0), 9: Label(-1, 1)}, ground={9})
-    bodies, links = np.full((40, 40), -1), np.zeros((40, 40), int)
-    assert crops._label(bodies, links, scene) == (-1, -1, -1)
-    bodies[10:30, 10:30] = 7
-    assert crops._label(bodies, links, scene) == (2, mug, -1)
-    links[10:30, 10:27] = 2
-    assert crops._label(bodies, links, scene) == (2, mug, PART_KEYS.index(("mug", "handle")))
-    bodies[10:30, :20] = 8
-    assert crops._label(bodies, links, scene) is None  # two compete
-    bodies[:, :] = 9
-    assert crops._label(bodies, links, scene) == (-1, 1, -1)
-    bodies[12:26, 12:26] = 8
-    assert crops._label(bodies, links, scene) == (4, 0, -1)  # what lies on the ground counts more
-
-
-def test_a_pile_is_one_body_in_pictures():
-    scene = Scene()
-    scene.labels[3] = Label(0, 0)
-    scene.labels[5] = Label(1, 2)
-    scene.leader = {5: 5, 6: 5, 9: 5}
-    assert scene.grouped(np.array([[-1, 3, 5], [6, 9, 4]])).tolist() == [[-1, 3, 5], [5, 5, 4]]
-
-
-def test_scenes_show_what_the_tasks_build():
-    shown = set()
-    for index in range(60):
-        client = p.connect(p.DIRECT)
-        try:
-            scene = scenes.lay_out(client, Workspace(), "training", np.random.default_rng((3, index)))
-        finally:
-            p.disconnect(client)
-        shown |= {NOUN_NAMES[label.noun] for label in scene.labels.values()}
-    assert set(vocabulary.STRUCTURES) <= shown
-    assert len(shown & set(vocabulary.HOLES)) > 10
-    assert len(shown & set(vocabulary.TILES)) > 20
-    assert len(shown & set(vocabulary.BOXES)) > 4
-
-
-def test_a_caption_may_say_where_a_hole_is_and_of_which_blocks_a_pile_is():
-    rng = np.random.default_rng(0)
-    holes = {vocabulary.caption(None, "star hole", rng) for _ in range(300)}
-    assert any("left star hole" in text for text in holes) and "star hole" in holes
-    piles = {vocabulary.caption("red", "pile of {} blocks", rng) for _ in range(100)}
-    assert any("of red blocks" in text for text in piles) and not any("{" in text for text in piles)
-    assert not any("  " in text for text in piles | holes)
-
-
-def test_captions_match_their_crops():
-    mug, hat = NOUN_NAMES.index("mug"), NOUN_NAMES.index("hat")
-    handle = PART_KEYS.index(("mug", "handle"))
-    crops = Crops(
-        np.zeros((4, 2, 2, 3), np.uint8), np.array([0, -1, 0, -1]), np.array([mug, hat, mug, -1]),
-        np.array([handle, -1, -1, -1]), np.ones(4, bool),
-    )  # fmt: skip
-    full, color, shape, part = pretrain.caption_sets(crops, np.random.default_rng(0))
-    assert full[0].tolist() == [0, 2, 3]  # a hat in an unnamed colour has no full caption
-    assert set(full[1]) == {("blue", "mug", None), (None, None, None)}
-    assert color[0].tolist() == [0, 2, 3]
-    assert shape[0].tolist() == [0, 1, 2, 3]
-    assert part[0].tolist() == [0]
-    assert part[1][0][1:] == ("mug", "handle")
-    for rows, keys, match in (full, color, shape, part):
-        assert match.shape == (len(rows), len(keys))
-        assert (match.sum(axis=1) == 1).all()
-    assert full[2][0].tolist() == full[2][1].tolist() != full[2][2].tolist()
-
-
-def test_crops_are_saved_and_loaded(tmp_path):
-    crops = Crops(*(np.arange(3) for _ in range(5)))
-    crops.save(tmp_path / "crops")
-    again = Crops.load(tmp_path / "crops")
-    assert np.array_equal(again.images, crops.images)
-    assert np.array_equal(again.whole, crops.whole)
-    assert len(again.select(np.array([True, False, True]))) == 2
-
-
-def test_training_on_other_crops_does_not_resume(tmp_path):
-    torch.save({"identity": {"crops": 1}}, tmp_path / "state.pt")
-    crops = Crops(np.zeros((512, 40, 40, 3), np.uint8), *(np.zeros(512, int) for _ in range(4)))
-    with pytest.raises(ValueError, match="delete it first"):
-        pretrain.train(crops, 1, 0, tmp_path)
-
-
-def test_held_out_pairs_are_many_and_known():
-    assert len(vocabulary.HELD_OUT) >= 20
-    for color, shape in vocabulary.HELD_OUT:
-        assert color in vocabulary.COLORS
-        assert shape in vocabulary.SHAPES
-
-
-def test_a_damaged_state_of_the_clips_training_is_named(tmp_path):
-    crops = crops.Crops(np.zeros((600, 40, 40, 3), np.uint8), *np.zeros((3, 600), int), np.ones(600, bool))
-    (tmp_path / "state.pt").write_bytes(b"")
-    with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training"):
-        pretrain.train(crops, 1, 0, tmp_path)
-
-
-def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
-    tokenizer = pretrain.train_tokenizer()
-    model = pretrain.make_model(len(tokenizer))
-    out = tmp_path / "out"
-    for _ in range(2):  # the second time into the CLIP of the first
-        pretrain.save(model, tokenizer, out)
-        assert clip.load(out).dim == 128
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-    (out / "notes.txt").write_text("mine")
-    other = tmp_path / "other"
-    other.mkdir()
-    (other / "config.json").write_text('{"architectures": ["CLIPModel"]}')
-    for folder, name in ((out, "notes.txt"), (other, "config.json"), (other / "config.json", "config.json")):
-        with pytest.raises(ValueError, match=rf"out must be a new or empty folder.* holds {name}$"):
-            pretrain.pretrain(folder, tmp_path / "run", 1, 1, 0)
-        with pytest.raises(ValueError, match="out must be"):
-            pretrain.save(model, tokenizer, folder)
-    assert (out / "notes.txt").exists() and (other / "config.json").exists()

@@ -10,7 +10,6 @@ import pytest
 import torch
 from drawings import plot_mobile
 
-from experiments.clip_tabletop import bodies, crops, vocabulary
 from gem_lite import clip, tasks
 from gem_lite.cli import main
 from gem_lite.evaluation import evaluate_mobile, results
@@ -77,24 +76,6 @@ def test_a_camera_looks_where_it_is_told():
 
 
 # CLIP's words and pictures
-
-
-def test_symbol_boxes_are_said_and_shown():
-    rng = np.random.default_rng(0)
-    said = {vocabulary.caption(None, "gear box", rng) for _ in range(200)}
-    assert any("gear box" in text for text in said) and any("cogwheel box" in text for text in said)
-    drawn = [bodies.draw("training", rng)[1] for _ in range(1000)]
-    share = bodies.SHARES["symbol"]
-    assert np.mean([name in vocabulary.BOXES for name in drawn]) == pytest.approx(share, abs=0.03)
-
-
-def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
-    rows = [row for index in range(6) for row in crops.render_scene(np.random.default_rng((5, index)), "training")]
-    boxed = [row for row in rows if row[2] >= 0 and bodies.NOUN_NAMES[row[2]] in vocabulary.BOXES]
-    assert len(boxed) > 10 and all(row[1] == -1 for row in boxed)
-    # Paper, ink and walls are one body: crops of boxes hold white, black and blue.
-    pictures = np.stack([row[0] for row in boxed]).reshape(len(boxed), -1, 3)
-    assert ((pictures.min(axis=2) > 180).mean(axis=1) > 0.05).mean() > 0.5
 
 
 @pytest.mark.parametrize("index", [6, 51])  # whose ducks cannot stand

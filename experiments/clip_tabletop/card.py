@@ -30,39 +30,12 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "kit, stand, rope, guide, pile": tuple(vocabulary.STRUCTURES),
 }
 
-UNREAD_COLORS: dict[str, tuple[str, ...]] = {
-    "blue": ("navy", "cobalt", "indigo"),
-    "red": ("maroon", "ruby"),
-    "green": ("olive", "jade", "mint"),
-    "orange": ("apricot", "pumpkin"),
-    "yellow": ("mustard", "lemon", "amber"),
-    "purple": ("lilac", "lavender", "plum"),
-    "pink": ("salmon", "blush"),
-    "cyan": ("aqua",),
-    "brown": ("tan",),
-    "white": ("ivory",),
-    "gray": ("charcoal", "slate"),
-    "black": ("onyx", "inky"),
-}
-"""Words for colours that are in no caption."""
-UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
-    "block": ("brick", "chunk", "lump"),
-    "bowl": ("basin", "tureen"),
-    "mug": ("beaker", "tumbler", "chalice"),
-    "bottle": ("carafe",),
-    "spoon": ("scoop",),
-    "hat": ("bonnet",),
-    "toy car": ("vehicle",),
-    "chair": ("stool",),
-}
-"""Words for shapes and objects that are in no caption."""
-
 CARD = """# The embedded CLIP
 
 A small image-text model in the Hugging Face format (a residual convolutional image tower, a two-layer text tower,
-{parameters:.1f} M parameters), trained by `gem-lite clip pretrain` on {training_crops} crops
-of scenes that it renders in PyBullet, with captions written by `gem_lite/clip_training/vocabulary.py`. It stands in for
-OpenAI's CLIP where there is no network; it is a different, far smaller model, and no figure made with it is one of
+{parameters:.1f} M parameters), trained by `python -m experiments.clip_tabletop pretrain` on {training_crops} crops
+of scenes that it renders in PyBullet, with captions written by `experiments/clip_tabletop/vocabulary.py`. It stands in
+for OpenAI's CLIP where there is no network; it is a different, far smaller model, and no figure made with it is one of
 OpenAI's CLIP. This card is written by the same command.
 
 ## What it can do
@@ -219,8 +192,8 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
     patches = {title: crops.select(~crops.whole) for title, crops in _rows(*kinds.values()).items()}
     parts = part_accuracy(model, kinds["test"].select(~kinds["test"].whole))
     pairs = len(COLOR_NAMES) * len(NOUN_NAMES)
-    unread_colors = unread_words(model, UNREAD_COLORS, COLOR_NAMES, "{} block")
-    unread_nouns = unread_words(model, UNREAD_NOUNS, NOUN_NAMES, "a {}")
+    unread_colors = unread_words(model, vocabulary.UNREAD_COLORS, COLOR_NAMES, "{} block")
+    unread_nouns = unread_words(model, vocabulary.UNREAD_NOUNS, NOUN_NAMES, "a {}")
     text = CARD.format(
         parameters=model.parameter_count / 1e6,
         training_crops=training_crops,
@@ -237,9 +210,9 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
         part_own=parts["own"],
         part_crops=parts["crops"],
         parts_count=len(PART_KEYS),
-        unread_color=UNREAD_COLORS["blue"][0],
+        unread_color=vocabulary.UNREAD_COLORS["blue"][0],
         unread_colors=f"{sum(unread_colors)} of {len(unread_colors)}",
-        unread_noun=UNREAD_NOUNS["block"][0],
+        unread_noun=vocabulary.UNREAD_NOUNS["block"][0],
         unread_nouns=f"{sum(unread_nouns)} of {len(unread_nouns)}",
         worst=_worst(model, whole["**all**"]),
         colors=", ".join(COLOR_NAMES),

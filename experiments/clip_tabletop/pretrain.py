@@ -292,9 +292,15 @@ def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> No
             "image_mean": [0.5] * 3, "image_std": [0.5] * 3, "resample": 3,
         }  # fmt: skip
         (fresh / "preprocessor_config.json").write_text(json.dumps(preprocessing, indent=1))
+        write_words(fresh)
         if out.exists():
             os.replace(out, Path(workplace) / "old")
         os.replace(fresh, out)
+
+
+def write_words(folder: Path) -> None:
+    """Write words.json, the words of the captions that a CLIP learned from, into its folder."""
+    (folder / "words.json").write_text(json.dumps(vocabulary.lists(), indent=1) + "\n")
 
 
 def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gem_lite import colors
@@ -177,6 +179,33 @@ HELD_OUT: frozenset[tuple[str, str]] = frozenset(
 )  # fmt: skip
 """Colour-shape pairs that are in no picture and no caption of the training. They test new combinations."""
 
+UNREAD_COLORS: dict[str, tuple[str, ...]] = {
+    "blue": ("navy", "cobalt", "indigo"),
+    "red": ("maroon", "ruby"),
+    "green": ("olive", "jade", "mint"),
+    "orange": ("apricot", "pumpkin"),
+    "yellow": ("mustard", "lemon", "amber"),
+    "purple": ("lilac", "lavender", "plum"),
+    "pink": ("salmon", "blush"),
+    "cyan": ("aqua",),
+    "brown": ("tan",),
+    "white": ("ivory",),
+    "gray": ("charcoal", "slate"),
+    "black": ("onyx", "inky"),
+}
+"""Words for colours that are in no caption, by the plain name with their meaning."""
+UNREAD_NOUNS: dict[str, tuple[str, ...]] = {
+    "block": ("brick", "chunk", "lump"),
+    "bowl": ("basin", "tureen"),
+    "mug": ("beaker", "tumbler", "chalice"),
+    "bottle": ("carafe",),
+    "spoon": ("scoop",),
+    "hat": ("bonnet",),
+    "toy car": ("vehicle",),
+    "chair": ("stool",),
+}
+"""Words for shapes and objects that are in no caption."""
+
 _FULL = ("{}", "a {}", "the {}", "one {}", "a photo of a {}", "a picture of the {}", "this is a {}")
 _THING = ("{}", "something {}", "a {} thing", "the {} object", "{} objects")
 
@@ -224,3 +253,16 @@ def caption(color: str | None, shape: str | None, rng: np.random.Generator, part
         determiner = str(rng.choice(("", "the ", "some ")))
         return determiner + named(word, plural(noun))
     return str(rng.choice(_FULL)).format(named(word, noun))
+
+
+def lists() -> dict[str, Any]:
+    """The words as JSON has them: the file words.json beside the weights, for those who use the CLIP."""
+    return {
+        "colors": COLORS,
+        "nouns": NOUNS,
+        "parts": {f"{noun} {part}": names for (noun, part), names in PARTS.items()},
+        "nouns_without_pictures": NOUNS_WITHOUT_PICTURES,
+        "held_out_pairs": sorted(HELD_OUT),
+        "unread_colors": UNREAD_COLORS,
+        "unread_nouns": UNREAD_NOUNS,
+    }

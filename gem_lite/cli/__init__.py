@@ -24,8 +24,6 @@ COMMANDS = {
     "pointing": ("pointing", "Pointing", "play the pointing game with the semantic maps"),
     "check-cameras": ("own_table", "CheckCameras", "say what is wrong with the cameras of your own table"),
     "look": ("own_table", "Look", "show what a policy sees on your own table"),
-    "clip pretrain": ("clip", "Pretrain", "train the embedded CLIP from scratch"),
-    "clip card": ("clip", "Card", "measure an embedded CLIP and write its card"),
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
