@@ -192,23 +192,6 @@ class Config:
                 f"cells, such as {self.table / (2 * CELLS_MULTIPLE * nearest):.6g}, got {self.pixel}"
             )
 
-    # How training changes a sample, besides moving it. A method whose training does so overrides these by fields.
-
-    @property
-    def drop_image_map(self) -> float:
-        """How often training hides the image-conditioned map."""
-        return 0.0
-
-    @property
-    def map_gain(self) -> tuple[float, float]:
-        """The range of the factors by which training multiplies each semantic map (`augment.rescaled`)."""
-        return (1.0, 1.0)
-
-    @property
-    def map_offset(self) -> float:
-        """The largest amount that training adds to a semantic map or subtracts from it."""
-        return 0.0
-
     @classmethod
     def preset(cls, name: str = "lite") -> Self:
         """One of the `PRESETS`. Raises ValueError if there is none with this name."""

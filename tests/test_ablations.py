@@ -166,7 +166,7 @@ def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
     names, expected = weights(policy), weights(reference)
     same_weights = names.keys() == expected.keys() and all(torch.equal(names[key], expected[key]) for key in names)
     assert same_weights == (ending not in WEIGHTS_DIFFER)
-    one, other = prepared[0].with_image, steps[0].with_image
+    one, other = prepared[0][1], steps[0][1]
     assert torch.equal(one.rgbd, other.rgbd)
     assert (one.pick, one.place, one.pick_yaw, one.delta) == (other.pick, other.place, other.pick_yaw, other.delta)
     same_maps = all(torch.equal(one.maps[role], other.maps[role]) for role in ("pick", "place"))
@@ -196,7 +196,7 @@ def test_without_semantic_map_it_is_one_everywhere(model, demos):
     policy = Policy(SMALL.ablated("without-semantic-map"), model)
     for step in prepare(policy, demos):
         for role in ("pick", "place"):
-            assert torch.equal(step.with_image.maps[role], torch.ones(1, *SMALL.workspace.shape))
+            assert torch.equal(step[1].maps[role], torch.ones(1, *SMALL.workspace.shape))
     assert policy.memory is None
 
 
@@ -211,9 +211,9 @@ def test_single_view_comes_from_the_height_map(model, demos):
 def test_without_image_map_nothing_is_remembered(model, demos, whole):
     policy = Policy(SMALL.ablated("without-image-map"), model)
     for step, reference in zip(prepare(policy, demos), whole[1], strict=True):
-        for role, semantic in step.with_image.maps.items():
-            assert torch.equal(semantic, step.text_only.maps[role])
-            assert torch.equal(semantic, reference.text_only.maps[role])
+        for role, semantic in step[1].maps.items():
+            assert torch.equal(semantic, step[0].maps[role])
+            assert torch.equal(semantic, reference[0].maps[role])
     assert policy.memory is None
 
 

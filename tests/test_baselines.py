@@ -244,9 +244,9 @@ def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = list(numbered_steps(demo_set[1]))
     for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
-        last = prepared.with_image.features["level 0"].float()
-        score = torch.einsum("dhw,d->hw", last, prepared.with_image.words["pick"][: model.dim])
-        row, col = (int(round(pixel) // 8) for pixel in prepared.with_image.pick)
+        last = prepared[0].features["level 0"].float()
+        score = torch.einsum("dhw,d->hw", last, prepared[0].words["pick"][: model.dim])
+        row, col = (int(round(pixel) // 8) for pixel in prepared[0].pick)
         assert score.shape == (20, 10)
         assert score[row, col] > score.median() + 0.2, step.instruction
 
@@ -292,15 +292,15 @@ def test_inner_features_reach_cliport(model):
 
 
 def test_a_prepared_step_of_cliport_is_below_a_megabyte(trained_on):
-    sample = trained_on("cliport")[1][0].with_image
+    sample = trained_on("cliport")[1][0][0]
     tensors = [sample.rgbd, *sample.features.values(), *sample.words.values()]
     assert sum(tensor.nbytes for tensor in tensors) < 1e6
 
 
 def test_augmentation_moves_coarse_features_along(trained_on):
-    from gem_lite.learning.augment import apply
+    from gem_lite.policies.augment import apply
 
-    sample = trained_on("cliport")[1][0].with_image
+    sample = trained_on("cliport")[1][0][0]
     coarse = torch.zeros(1, 20, 10)
     coarse[0, 8:10, 3:5] = 1.0
     fine = F.interpolate(coarse[None], scale_factor=8, mode="nearest")[0]
@@ -317,7 +317,7 @@ def test_augmentation_moves_coarse_features_along(trained_on):
 @pytest.mark.parametrize("name", methods.METHODS.names())
 def test_a_gradient_step_lowers_both_losses_and_reaches_every_weight(name, trained_on):
     policy, prepared = trained_on(name)
-    batch = make_batch(prepared, SMALL[name], np.random.default_rng(0))
+    batch = make_batch(policy, prepared, np.random.default_rng(0))
     before = policy.losses(batch)
     assert set(before) == set(policy.roles)
     for role, module in policy.roles.items():
@@ -334,7 +334,7 @@ def test_a_gradient_step_lowers_both_losses_and_reaches_every_weight(name, train
 def test_mixed_precision_keeps_the_loss(name, trained_on):
     # What a GPU does, on the CPU: networks in bfloat16, correlation and loss in float32.
     policy, prepared = trained_on(name)
-    batch = make_batch(prepared, SMALL[name], np.random.default_rng(0))
+    batch = make_batch(policy, prepared, np.random.default_rng(0))
     exact = policy.losses(batch)
     with torch.autocast("cpu", torch.bfloat16):
         mixed = policy.losses(batch)
@@ -376,9 +376,9 @@ def test_checkpoints_bring_back_the_method(name, trained_on, model, tmp_path, de
 def test_training_is_the_same_loop(name, trained_on, tmp_path):
     policy, prepared = trained_on(name)
     policy.config = dataclasses.replace(SMALL[name], steps=3, batch=1)
-    before = policy.losses([prepared[0].with_image])
+    before = policy.losses([prepared[0][0]])
     train.train(policy, prepared, seed=0, run=tmp_path)
-    after = policy.losses([prepared[0].with_image])
+    after = policy.losses([prepared[0][0]])
     assert after["pick"] != before["pick"]
     assert after["place"] != before["place"]
     assert torch.load(tmp_path / "state.pt")["identity"]["method"] == name

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite.learning.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies import methods, networks
+from gem_lite.policies.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies.gem import PickModule, PlaceModule
 from gem_lite.policies.gem_config import LITE, PAPER, GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet

@@ -100,7 +100,7 @@ def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set):
     assert len(policy.memory.entries) == 2 * count  # the start and the end of every push
     crops = list(demonstrated_crops(demos, SMALL.workspace, SMALL.top_patch))
     assert crops[0].phrase.endswith("blocks") and crops[1].phrase.endswith("bowl")
-    sample = next(policy.prepare(demos)).with_image
+    sample = next(policy.prepare(demos))[1]
     action = demos[0].steps[0].expert.action
     assert sample.pick == pytest.approx(SMALL.workspace.to_pixel(action.start.x, action.start.y))
     assert sample.place == pytest.approx(SMALL.workspace.to_pixel(action.end.x, action.end.y))

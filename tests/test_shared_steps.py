@@ -220,7 +220,7 @@ import sys, time
 from pathlib import Path
 import torch
 from gem_lite.learning import dataset
-from gem_lite.policies.samples import PreparedStep, Sample
+from gem_lite.policies.samples import Sample
 
 def steps(start):
     for number in range(start, 6):
@@ -228,14 +228,14 @@ def steps(start):
         print("made", number, flush=True)
         sample = Sample(rgbd=torch.full((4, 8, 8), float(number)), pick=(1, 2), place=(3, 4), pick_yaw=0.0, delta=0.0,
                         pick_symmetry=0.0, place_symmetry=0.0)
-        yield PreparedStep(sample, sample)
+        yield (sample,)
 
 folder = Path(sys.argv[1])
 (folder / sys.argv[2]).touch()
 while len(list(folder.glob("ready-*"))) < 2:
     time.sleep(0.01)
 stored = dataset.share(steps, folder / "shared", {"data": "a"}, "code")
-print("read", [int(step.with_image.rgbd[0, 0, 0]) for step in stored], stored.fingerprint)
+print("read", [int(step[0].rgbd[0, 0, 0]) for step in stored], stored.fingerprint)
 """
 
 

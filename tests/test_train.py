@@ -11,13 +11,12 @@ from gem_lite import clip, demonstrations
 from gem_lite.cli import main
 from gem_lite.learning import train
 from gem_lite.maps.query_maps import QueryMaps, joined
+from gem_lite.policies import augment, gates, methods
 from gem_lite.policies import base as policy_module
-from gem_lite.policies import gates, methods
 from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import PreparedStep
 from gem_lite.se2 import angle_off
 
 SMALL = dataclasses.replace(
@@ -57,7 +56,7 @@ def weights(policy: Policy) -> torch.Tensor:
 def test_labels_lie_on_the_expert(prepared, demonstrations_small):
     steps, _ = prepared
     expert = demonstrations_small[0].steps[0].expert.action
-    sample = steps[0].with_image
+    sample = steps[0][1]
     w = SMALL.workspace
     assert w.to_world(*sample.pick) == pytest.approx((expert.pick.x, expert.pick.y))
     assert sample.pick_yaw == expert.pick.yaw
@@ -72,8 +71,8 @@ def test_the_memory_holds_what_every_step_picked(prepared, demonstrations_small)
         (d.task, i) for i, d in enumerate(demonstrations_small) for _ in d.steps
     ]
     for step, entry in zip(steps, memory.entries[::2], strict=True):
-        row, col = (round(coordinate) for coordinate in step.with_image.pick)
-        centre = (step.with_image.rgbd[:3, row, col].numpy() + 0.2) * 255
+        row, col = (round(coordinate) for coordinate in step[1].pick)
+        centre = (step[1].rgbd[:3, row, col].numpy() + 0.2) * 255
         assert np.allclose(entry.image[10, 10], centre, atol=0.1)
 
 
@@ -82,32 +81,32 @@ def test_training_retrieval_never_finds_its_own_episode(model, demonstrations_sm
     steps, memory = prepare(demonstrations_small[:1], model, SMALL)
     assert {entry.episode for entry in memory.entries} == {0}
     for step in steps:
-        assert same_maps(step.with_image, step.text_only)
+        assert same_maps(step[1], step[0])
 
 
 def test_image_map_is_used_when_another_episode_has_the_phrase(model, demonstrations_small):
     # The same episode twice, as episodes 0 and 1: each may now find the other.
     steps, _ = prepare([demonstrations_small[0], demonstrations_small[0]], model, SMALL)
-    assert not torch.equal(steps[0].with_image.maps["pick"], steps[0].text_only.maps["pick"])
+    assert not torch.equal(steps[0][1].maps["pick"], steps[0][0].maps["pick"])
 
 
-def test_batches_hide_the_image_map_now_and_then(prepared):
-    steps, _ = prepared
-    black = dataclasses.replace(steps[0].text_only, rgbd=torch.zeros_like(steps[0].text_only.rgbd))
-    marked = [dataclasses.replace(step, text_only=black) for step in steps]
-    settings = SMALL.ablated("without-map-scaling")
+def test_batches_hide_the_image_map_now_and_then(prepared, model):
+    steps, memory = prepared
+    black = dataclasses.replace(steps[0][0], rgbd=torch.zeros_like(steps[0][0].rgbd))
+    marked = [(black, step[1]) for step in steps]
+    policy = Policy(SMALL, model, memory)
     hidden = [
-        float(train.make_batch(marked, settings, np.random.default_rng(i))[0].rgbd.abs().sum()) == 0 for i in range(60)
+        float(train.make_batch(policy, marked, np.random.default_rng(i))[0].rgbd.abs().sum()) == 0 for i in range(60)
     ]
     assert 5 < sum(hidden) < 40  # drop_image_map is 0.3
 
 
 def test_training_recolours_if_the_method_does(prepared, model, tmp_path, monkeypatch):
-    asked, honest = [], train.make_batch
-    monkeypatch.setattr(train, "make_batch", lambda *args: asked.append(args[3]) or honest(*args))
+    recolored, honest = [], augment.recolored
+    monkeypatch.setattr(augment, "recolored", lambda *args: recolored.append(1) or honest(*args))
     for settings in (SMALL, SMALL.ablated("without-recoloring")):
         train.train(Policy(settings, model, prepared[1]), prepared[0], seed=0, run=tmp_path / settings.variant)
-    assert asked == [True] * SMALL.steps + [False] * SMALL.steps
+    assert len(recolored) == SMALL.steps * SMALL.batch
 
 
 def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, monkeypatch):
@@ -143,7 +142,7 @@ def test_another_trainings_state_is_refused(prepared, model, tmp_path):
 
 
 def changed(step, **changes):
-    return PreparedStep(dataclasses.replace(step.with_image, **changes), step.text_only)
+    return step[0], dataclasses.replace(step[1], **changes)
 
 
 def brighter(sample):
@@ -155,11 +154,8 @@ def brighter(sample):
     [
         lambda step: changed(step, pick=(3.0, 4.0)),
         lambda step: changed(step, pick_symmetry=0.0),
-        lambda step: changed(step, words=step.with_image.words | {"pick": step.with_image.words["pick"] + 1}),
-        lambda step: PreparedStep(
-            step.with_image,
-            dataclasses.replace(step.text_only, maps={n: m + 0.5 for n, m in step.text_only.maps.items()}),
-        ),
+        lambda step: changed(step, words=step[1].words | {"pick": step[1].words["pick"] + 1}),
+        lambda step: (brighter(step[0]), step[1]),
     ],
     ids=["pick", "symmetry", "words", "text map"],
 )
@@ -286,7 +282,7 @@ def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeyp
     )
     step = demonstrations_small[0].steps[0]
     policy.act(step.observation, step.instruction)
-    policy.losses([prepared[0][0].with_image])
+    policy.losses([prepared[0][0][1]])
     assert asked == [policy.device] * 2
     assert policy.to("cpu") is policy
 
@@ -320,7 +316,7 @@ def test_acting_between_two_steps_changes_no_training(prepared, model, demonstra
         for step in prepared[0][:3]:
             if acts:
                 policy.act(seen.observation, seen.instruction)
-            learner.step([step.with_image], 1e-3)
+            learner.step([step[1]], 1e-3)
         return policy
 
     plain, acting = trained(False), trained(True)
@@ -332,7 +328,7 @@ def test_acting_between_two_steps_changes_no_training(prepared, model, demonstra
 def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
     # One episode alone: every crop in the memory is its own.
     steps, _ = prepare(demonstrations_small[:1], model, dataclasses.replace(SMALL, own_crop=True))
-    assert not any(same_maps(step.with_image, step.text_only) for step in steps)
+    assert not any(same_maps(step[1], step[0]) for step in steps)
 
 
 @pytest.mark.parametrize("episodes", ["0", "-1", "3"])

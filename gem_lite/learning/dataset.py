@@ -10,7 +10,6 @@ steps. So trainings that differ only in what comes after the preparation read th
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import json
@@ -264,13 +263,10 @@ def _encode(step: PreparedStep) -> bytes:
             return {"members": {key: encode_value(f"{name}.{key}", member) for key, member in value.items()}}
         return value
 
-    samples = {
-        role.name: {
-            field.name: encode_value(f"{role.name}.{field.name}", getattr(getattr(step, role.name), field.name))
-            for field in dataclasses.fields(Sample)
-        }
-        for role in dataclasses.fields(step)
-    }
+    samples = [
+        {name: encode_value(f"{number}.{name}", value) for name, value in vars(sample).items()}
+        for number, sample in enumerate(step)
+    ]
     tensors["samples"] = torch.frombuffer(bytearray(json.dumps(samples).encode()), dtype=torch.uint8)
     return zlib.compress(safetensors.torch.save(tensors), level=1)
 
@@ -289,8 +285,4 @@ def _decode(content: bytes) -> PreparedStep:
             return tensors[value["tensor"]]
         return {key: decode_value(member) for key, member in value["members"].items()}
 
-    roles = {
-        role: Sample(**{name: decode_value(value) for name, value in sample.items()})
-        for role, sample in samples.items()
-    }  # fmt: skip
-    return PreparedStep(**roles)
+    return tuple(Sample(**{name: decode_value(value) for name, value in sample.items()}) for sample in samples)

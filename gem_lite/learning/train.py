@@ -18,7 +18,7 @@ from tqdm import tqdm
 from gem_lite import clip
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.learning import augment, dataset, folders, mixture
+from gem_lite.learning import dataset, folders, mixture
 from gem_lite.learning.dataset import StoredSteps
 from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints
@@ -39,22 +39,10 @@ MAX_GRADIENT_NORM = 1.0
 
 
 def make_batch(
-    prepared: Sequence[PreparedStep], settings: Config, rng: np.random.Generator, recolor: bool = False
-) -> list[Sample]:
-    """Draw steps, sometimes without the image-conditioned map. Move and rescale each at random, and ``recolor`` it.
-
-    Of several tasks, each is drawn equally often (`mixture.draw`).
-    """
-    batch = []
-    for _ in range(settings.batch):
-        step = mixture.draw(prepared, rng)
-        sample = step.text_only if rng.random() < settings.drop_image_map else step.with_image
-        keep = [sample.pick, sample.place]
-        motion = augment.random_motion(rng, tuple(sample.rgbd.shape[-2:]), keep, settings.turn)
-        moved = augment.apply(motion, sample)
-        moved = augment.rescaled(rng, moved, settings.map_gain, settings.map_offset)
-        batch.append(augment.recolored(rng, moved) if recolor else moved)
-    return batch
+    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], rng: np.random.Generator
+) -> list[Sample]:  # fmt: skip
+    """A batch of training samples (`PickPlacePolicy.draw`). Of several tasks, each is drawn equally often."""
+    return [policy.draw(mixture.draw(prepared, rng), rng) for _ in range(policy.config.batch)]
 
 
 def learning_rate(settings: Config, step: int) -> float:
@@ -150,7 +138,7 @@ def train(
     with tqdm(steps, "training", settings.steps, initial=state.saved, unit="step", disable=quiet) as bar:
         for step in bar:
             rng = _step_rng(seed, step, accelerator.process_index)
-            batch = make_batch(prepared, settings, rng, policy.recolors)
+            batch = make_batch(policy, prepared, rng)
             try:
                 losses = learner.step(batch, learning_rate(settings, step))
             except FloatingPointError as error:

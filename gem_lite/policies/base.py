@@ -29,6 +29,7 @@ from gem_lite.language import ImageQuery, Queries, Query
 from gem_lite.maps import locations
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
 from gem_lite.maps.semantic_map import embed_query
+from gem_lite.policies import augment
 from gem_lite.policies.gates import Gate, best_cell, gated, unmoved, untried
 from gem_lite.policies.samples import Cell, Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
 from gem_lite.rgbd.camera import View
@@ -145,6 +146,11 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         return False
 
     @property
+    def form_chances(self) -> tuple[float, ...]:
+        """How often training draws each form of a prepared step. Most methods have one form."""
+        return (1.0,)
+
+    @property
     def roles(self) -> dict[str, nn.Module]:
         """The two trained modules by name; each has its own loss and optimizer."""
         return {"pick": self.pick, "place": self.place}
@@ -216,7 +222,16 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         """`prepare` for one step of the episode ``key``."""
         inputs = self.inputs(self.embed(step.observation.views), self.read(step.instruction))
         sample = label(step, inputs, self.config)
-        return PreparedStep(sample, sample)
+        return (sample,)
+
+    def draw(self, step: PreparedStep, rng: np.random.Generator) -> Sample:
+        """A training sample: one form of a prepared step, augmented."""
+        return self.augmented(step[rng.choice(len(step), p=self.form_chances)], rng)
+
+    def augmented(self, sample: Sample, rng: np.random.Generator) -> Sample:
+        """A sample moved at random, and recoloured if the method `recolors`."""
+        moved = augment.moved(rng, sample, self.config.turn)
+        return augment.recolored(rng, moved) if self.recolors else moved
 
     def losses(self, batch: Sequence[Sample]) -> dict[str, torch.Tensor]:
         """Each module's cross-entropy over pixels and angles. The place module gets the demonstrated pick (A.11)."""

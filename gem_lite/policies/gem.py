@@ -17,6 +17,7 @@ from gem_lite.maps import sources
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
+from gem_lite.policies import augment
 from gem_lite.policies.base import Choice, PickPlacePolicy
 from gem_lite.policies.gates import Gate
 from gem_lite.policies.gem_config import GemConfig
@@ -27,6 +28,7 @@ from gem_lite.policies.samples import (
     Cell,
     Inputs,
     PreparedStep,
+    Sample,
     crop_at,
     cross_entropy,
     label,
@@ -200,7 +202,19 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         pick = self.maps(scene, queries.pick, hidden)
         place = self.maps(scene, queries.place, hidden)
         with_image = label(step, self._inputs(scene, queries, pick.fused, place.fused), self.config)
-        return PreparedStep(with_image, replace(with_image, maps=_maps_by_role(pick.text, place.text)))
+        return replace(with_image, maps=_maps_by_role(pick.text, place.text)), with_image
+
+    @property
+    @override
+    def form_chances(self) -> tuple[float, float]:
+        """Of the form with the text-conditioned maps alone, and of the one with both kinds of map."""
+        return self.config.drop_image_map, 1 - self.config.drop_image_map
+
+    @override
+    def augmented(self, sample: Sample, rng: np.random.Generator) -> Sample:
+        moved = augment.moved(rng, sample, self.config.turn)
+        rescaled = augment.rescaled(rng, moved, self.config.map_gain, self.config.map_offset)
+        return augment.recolored(rng, rescaled) if self.recolors else rescaled
 
     @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:

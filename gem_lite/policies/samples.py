@@ -105,16 +105,9 @@ class Sample(Inputs):
     place_symmetry: float
 
 
-@dataclass(frozen=True)
-class PreparedStep:
-    """A demonstrated step with everything that training does not change.
-
-    ``with_image`` holds the blend of text- and image-conditioned map (the text map itself if no crop was retrieved),
-    ``text_only`` the text map. For a method without image-conditioned maps both are the same.
-    """
-
-    with_image: Sample
-    text_only: Sample
+PreparedStep = tuple[Sample, ...]
+"""A demonstrated step before augmentation. Most methods have one form of it; of several, training draws one
+(`PickPlacePolicy.form_chances`)."""
 
 
 def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:

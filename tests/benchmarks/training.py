@@ -62,7 +62,7 @@ def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
 
 def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clock: Clock) -> None:
     """One training step as `gem_lite.learning.train.train` makes it."""
-    batch = clock.timed("batch", lambda: make_batch(prepared, policy.config, np.random.default_rng(0), policy.recolors))
+    batch = clock.timed("batch", lambda: make_batch(policy, prepared, np.random.default_rng(0)))
     before = clock.spent["encoder"] + clock.spent["kernel"]
     start = time.perf_counter()
     losses = policy.losses(batch)

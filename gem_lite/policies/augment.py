@@ -27,10 +27,16 @@ def random_motion(
     for _ in range(TRIES):
         angle = float(rng.uniform(-np.pi, np.pi)) if turn else 0.0
         motion = ImageMotion(angle, tuple(rng.normal(0, spread, 2).tolist()))
-        moved = [motion.move(pixel, shape) for pixel in keep]
-        if all(0 <= round(row) < shape[0] and 0 <= round(col) < shape[1] for row, col in moved):
+        pixels = [motion.move(pixel, shape) for pixel in keep]
+        if all(0 <= round(row) < shape[0] and 0 <= round(col) < shape[1] for row, col in pixels):
             return motion
     return ImageMotion(0.0, (0.0, 0.0))
+
+
+def moved(rng: np.random.Generator, sample: Sample, turn: bool = True) -> Sample:
+    """A sample moved by a `random_motion` that keeps pick and place on the table."""
+    rows, cols = sample.rgbd.shape[-2:]
+    return apply(random_motion(rng, (rows, cols), [sample.pick, sample.place], turn), sample)
 
 
 def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
@@ -60,10 +66,11 @@ def rescaled(rng: np.random.Generator, sample: Sample, gain: tuple[float, float]
 
 def apply(motion: ImageMotion, sample: Sample) -> Sample:
     """Move a whole sample. The pick's yaw turns with it; the relative place angle does not change."""
-    shape = sample.rgbd.shape[-2:]
+    rows, cols = sample.rgbd.shape[-2:]
+    shape = (rows, cols)
     # Picture and maps have the same resolution, so one warp moves them all.
-    moved = motion.warp(torch.cat([sample.rgbd, *sample.maps.values()])[None])[0]
-    rgbd, *maps = moved.split([len(sample.rgbd), *(len(semantic) for semantic in sample.maps.values())])
+    warped = motion.warp(torch.cat([sample.rgbd, *sample.maps.values()])[None])[0]
+    rgbd, *maps = warped.split([len(sample.rgbd), *(len(semantic) for semantic in sample.maps.values())])
     return replace(
         sample,
         rgbd=rgbd,
