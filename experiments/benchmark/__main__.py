@@ -1,114 +1,117 @@
-"""``gem-lite results gallery``, ``tables``, ``page`` and ``settings``: what the benchmark's rows make."""
+"""What the benchmark's rows make: python -m experiments.benchmark COMMAND ..., from the checkout."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated
 
+import tyro
 import yaml
-from drawings import plot_gallery
 from tqdm import tqdm
-from typing_extensions import override
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
-from gem_lite import tasks
-from gem_lite.cli.command import Command, ImportingCommand
-from gem_lite.drawing import benchmark_page, plot_benchmark
-from gem_lite.evaluation import benchmark, gallery, summaries
+from experiments.benchmark import page as results_page
+from experiments.benchmark import plan, scaling, tables
+from gem_lite.drawing import plot_benchmark
+from gem_lite.evaluation import gallery as stories
+from gem_lite.evaluation import results, summaries
 from gem_lite.files import write_atomically
+from gem_lite.tasks import PAPER
 
 SCALED = ((10, 100), (10, 20, 100))
 """The numbers of demonstrations of the pictures of Fig. A5: few tasks are measured with 20."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tables(Command):
-    """Draw the benchmark's tables and its scaling (Fig. A5) from the stored rows, as pictures and as Markdown."""
+def file(paths: Positional[tuple[Path, ...]]) -> None:
+    """File measured rows in the tables of their tasks, data/results/benchmark/TASK.jsonl.
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results tables build/benchmark",)
-
-    folder: Positional[Path]
-    """folder to write"""
-
-    @override
-    def run(self) -> None:
-        rows = benchmark.stored_rows()
+    Args:
+        paths: files of rows
+    """
+    for path in paths:
+        rows = results.read_rows(path)
         if not rows:
-            raise ValueError(f"there are no rows in {benchmark.ROWS}: measure some with workflow/Snakefile")
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for name, chosen in summaries.table_rows(rows).items():
-            self.write_table(name, chosen)
-        for counts in SCALED:
-            common, curves = summaries.scaling(rows, summaries.COMPARED, counts)
-            if common:
-                path = self.folder / f"figure-a5-{'-'.join(map(str, counts))}.png"
-                plot_benchmark.show_scaling(common, curves).savefig(path, dpi=110)
-                print(f"wrote {path}, means over {', '.join(common)}")
+            raise ValueError(f"{path} holds no rows")
+        for task in dict.fromkeys(row["task"] for row in rows):
+            of_task = [row for row in rows if row["task"] == task]
+            results.file_rows(of_task, results.benchmark_file(task), plan.IDENTITY)
 
-    def write_table(self, name: str, rows: list[dict]) -> None:
-        """Write a table as Markdown and as a picture."""
-        table = plot_benchmark.arranged(rows)
+
+def page(path: Positional[Path]) -> None:
+    """Write the tables of a Markdown page anew from the stored rows.
+
+    Args:
+        path: the page; comments in it name the tables
+    """
+    write_atomically(path, results_page.renewed(path.read_text(), results.stored_rows()).encode())
+    print(f"wrote {path}")
+
+
+def draw(folder: Positional[Path]) -> None:
+    """Draw the tables and the scaling (Fig. A5) from the stored rows, as pictures and as Markdown.
+
+    Args:
+        folder: folder to write
+    """
+    rows = results.stored_rows()
+    if not rows:
+        raise ValueError("no rows are filed: measure some with the Snakefile")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, chosen in summaries.table_rows(rows).items():
+        table = tables.arranged(chosen)
         measured = {task for column in table.values() for task in column}
-        names = [task for task in dict.fromkeys((*benchmark.VARIANTS, *tasks.names())) if task in measured]
-        write_atomically(self.folder / f"{name}.md", plot_benchmark.markdown(table, names).encode())
-        plot_benchmark.show_table(table, names).savefig(self.folder / f"{name}.png", dpi=110)
-        print(f"wrote {name}.md and {name}.png into {self.folder}, from {len(rows)} rows")
+        names = [task for task in (*PAPER, *plan.OURS) if task in measured]
+        write_atomically(folder / f"{name}.md", tables.markdown(table, names).encode())
+        plot_benchmark.show_table(table, names).savefig(folder / f"{name}.png", dpi=110)
+        print(f"wrote {name}.md and {name}.png into {folder}, from {len(chosen)} rows")
+    for counts in SCALED:
+        common, curves = scaling.scaling(rows, summaries.COMPARED, counts)
+        if common:
+            path = folder / f"figure-a5-{'-'.join(map(str, counts))}.png"
+            scaling.show_scaling(common, curves).savefig(path, dpi=110)
+            print(f"wrote {path}, means over {', '.join(common)}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Page(Command):
-    """Write the benchmark's tables of a Markdown page anew from the stored rows."""
+def settings(clip: str | None = None) -> None:
+    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml.
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results page docs/results.md",)
-
-    file: Positional[Path]
-    """the page; comments in it name the tables"""
-
-    @override
-    def run(self) -> None:
-        page = benchmark_page.renewed(self.file.read_text(), benchmark.stored_rows())
-        write_atomically(self.file, page.encode())
-        print(f"wrote {self.file}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings(Command):
-    """Print what the rows of the search and of the experts decide: the entries settings and skipped of a plan."""
-
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results settings workflow/benchmark.yaml",)
-    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, LookupError, yaml.YAMLError)
-
-    plan: Positional[Path]
-    """file of the plan"""
-    clip: str | None = None
-    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
-
-    @override
-    def run(self) -> None:
-        content = yaml.safe_load(self.plan.read_text())
-        plan = benchmark.Plan(content, self.clip)
-        settings = {name: benchmark.chosen(plan.search(), name) for name in content["search"]["methods"]}
-        experts = [cell for cell in plan.tier("experts") if cell.method == "expert"]
-        unsolved = {cell.task: list(benchmark.unsolved(cell)) for cell in experts}
-        skipped = {task: indices for task, indices in unsolved.items() if indices}
-        print(yaml.safe_dump({"settings": settings, "skipped": skipped}, default_flow_style=None, sort_keys=False))
+    Args:
+        clip: Hugging Face name or folder of a CLIP (without it: the embedded one)
+    """
+    whole = plan.Plan.load(clip)
+    search = whole.search()
+    chosen = {name: plan.chosen(search, name) for name in dict.fromkeys(cell.method for cell in search)}
+    experts = [cell for cell in whole.tier("experts") if cell.method == "expert"]
+    unsolved = {cell.task: list(plan.unsolved(cell)) for cell in experts}
+    skipped = {task: indices for task, indices in unsolved.items() if indices}
+    print(yaml.safe_dump({"settings": chosen, "skipped": skipped}, default_flow_style=None, sort_keys=False))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gallery(ImportingCommand):
-    """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10)."""
+def gallery(path: Positional[Path], names: Annotated[tuple[str, ...], arg(name="tasks")] = PAPER) -> None:
+    """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10).
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results gallery build/gallery.png --tasks align-rope",)
+    Args:
+        path: picture to write
+        names: names of the tasks (without it: the paper's eighteen)
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
+    played = list(tqdm(stories.stories(names), "episodes", len(names), unit="episode"))
+    plot_benchmark.show_gallery(played).savefig(path, dpi=100)
+    print(f"wrote {path}; the expert scored {min(story.score for story in played):.2f} or more")
 
-    file: Positional[Path]
-    """picture to write"""
-    tasks: tuple[str, ...] = benchmark.VARIANTS
-    """names of the tasks (without it: the paper's eighteen)"""
 
-    @override
-    def run(self) -> None:
-        self.file.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
-        played = list(tqdm(gallery.stories(self.tasks), "episodes", len(self.tasks), unit="episode"))
-        plot_gallery.show_gallery(played).savefig(self.file, dpi=100)
-        print(f"wrote {self.file}; the expert scored {min(story.score for story in played):.2f} or more")
+COMMANDS = {"file": file, "page": page, "tables": draw, "settings": settings, "gallery": gallery}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command line. A failure ends with one sentence."""
+    try:
+        tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="python -m experiments.benchmark", args=argv)
+    except (OSError, ValueError, LookupError) as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from gem_lite.drawing import experiment_tables
-from gem_lite.drawing.experiment_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
-from gem_lite.drawing.plot_benchmark import MARK, Row, Table, interval_text, lines_of, markdown
-from gem_lite.evaluation import benchmark, results
+from experiments.benchmark import single_tables
+from experiments.benchmark.checks import check_checkpoints
+from experiments.benchmark.plan import OURS
+from experiments.benchmark.single_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
+from experiments.benchmark.tables import MARK, Row, Table, interval_text, lines_of, markdown
+from gem_lite.evaluation import results
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.summaries import (
     COMPARED,
@@ -19,10 +21,10 @@ from gem_lite.evaluation.summaries import (
     table_rows,
     weighted_sum,
 )
+from gem_lite.tasks import PAPER
 
-OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
-"""The last lines of the first table: tasks that are not the paper's."""
-TASKS = (*benchmark.VARIANTS, *OURS)
+TASKS = (*PAPER, *OURS)
+"""The lines of the first table."""
 RIVALS = COMPARED[1:]
 FOR_SEVERAL_TASKS = ("gem-multi", "cliport-multi")
 """The methods that learned ten tasks at once."""
@@ -44,12 +46,12 @@ def overview(rows: Rows) -> str:
         wanted = row["method"] in OVERVIEW and training in ((10, 0), (None, None))
         if wanted and facts == ("home", "test", "all", "lite"):
             table[OVERVIEW[row["method"]]][row["task"]] = row
-    return markdown(table, TASKS, benchmark.VARIANTS)
+    return markdown(table, TASKS, PAPER)
 
 
 def ablated(rows: Rows) -> tuple[list[str], list[str]]:
     """The tasks and the methods of Table A2."""
-    tasks = [task for task in benchmark.VARIANTS if "pyramid" in task or "group" in task]
+    tasks = [task for task in PAPER if "pyramid" in task or "group" in task]
     measured = {row["method"] for row in table_rows(lite(rows)).get("table-a2", []) if row["task"] in tasks}
     return tasks, sorted(measured)
 
@@ -119,7 +121,7 @@ def several_tasks(rows: Rows) -> str:
         title = f"{OVERVIEW.get(row['method'])} with {row['demos']}"
         if title in table:
             table[title][row["task"]] = row
-    return markdown(table, benchmark.VARIANTS, benchmark.VARIANTS)
+    return markdown(table, PAPER, PAPER)
 
 
 def differences(rows: Rows) -> str:
@@ -131,9 +133,9 @@ def differences(rows: Rows) -> str:
     pairs += [(("gem", 10), (rival, 10)) for rival in RIVALS]
     lines = []
     for one, other in pairs:
-        if not set(benchmark.VARIANTS) <= measured[one].keys() & measured[other].keys():
+        if not set(PAPER) <= measured[one].keys() & measured[other].keys():
             continue
-        first, second = ({task: measured[name][task] for task in benchmark.VARIANTS} for name in (one, other))
+        first, second = ({task: measured[name][task] for task in PAPER} for name in (one, other))
         by_task = {task: results.paired_difference(first[task], second[task]) for task in first}
         above = [task for task, difference in by_task.items() if difference.interval[0] > 0]
         below = [task for task, difference in by_task.items() if difference.interval[1] < 0]
@@ -150,7 +152,7 @@ def _short(names: Sequence[str]) -> str:
 
 def unseen(rows: Rows) -> str:
     """Means over the tasks with two variants: of the seen ones, of the unseen ones, and their difference."""
-    pairs = seen_and_unseen(benchmark.VARIANTS)
+    pairs = seen_and_unseen(PAPER)
     lines = []
     for (name, count), of_method in by_count(rows, (*COMPARED, *FOR_SEVERAL_TASKS), (10, 100)).items():
         if not {task for pair in pairs for task in pair} <= of_method.keys():
@@ -199,17 +201,17 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
     "differences": differences,
     "unseen variants": unseen,
     "training seeds": training_seeds,
-    "place angle": experiment_tables.place_angle,
-    "worlds": experiment_tables.worlds,
-    "search": experiment_tables.search,
-    "rules": experiment_tables.rules,
+    "place angle": single_tables.place_angle,
+    "worlds": single_tables.worlds,
+    "search": single_tables.search,
+    "rules": single_tables.rules,
 }
 """By the name in a page's comments, what makes the table of the benchmark's rows."""
 OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {
-    "two tables": ("object-sorting", experiment_tables.two_tables),
-    "own table": ("own-table", experiment_tables.own_table),
-    "refusals": ("own-table", experiment_tables.refusals),
-    "sensor errors": ("sensor-errors", experiment_tables.sensor_errors),
+    "two tables": ("object-sorting", single_tables.two_tables),
+    "own table": ("own-table", single_tables.own_table),
+    "refusals": ("own-table", single_tables.refusals),
+    "sensor errors": ("sensor-errors", single_tables.sensor_errors),
 }
 """By the name in a page's comments, the file of rows (without its ending) and what makes the table of them."""
 
@@ -218,13 +220,13 @@ def renewed(page: str, rows: Rows) -> str:
     """A page with its tables written anew: those between ``<!-- NAME -->`` and ``<!-- end of NAME -->``.
 
     Args:
-        rows: of the benchmark, see `benchmark.stored_rows`. Other rows are read from `results.RESULTS`.
+        rows: of the benchmark, see `results.stored_rows`. Other rows are read from `results.RESULTS`.
 
     Raises:
         ValueError: the page has no such place, or names a table that is not in `TABLES` or `OTHER_TABLES`; or the rows
-            mix policies, see `benchmark.check_checkpoints`.
+            mix policies, see `check_checkpoints`.
     """
-    benchmark.check_checkpoints(rows)
+    check_checkpoints(rows)
     names = re.findall(r"^<!-- end of (.+) -->$", page, re.M)
     known = (*TABLES, *OTHER_TABLES)
     unknown = [name for name in names if name not in known]

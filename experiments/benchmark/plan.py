@@ -24,8 +24,8 @@ from gem_lite.simulation.worlds import HOME
 FILE = Path(__file__).with_name("plan.yaml")
 """The plan."""
 OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
-"""Tasks that are not the paper's (`tasks.PAPER`). In the first two, the place's or the pick's angle decides. The third is
-the paper's training task, which it does not measure."""
+"""Tasks that are not the paper's (`tasks.PAPER`). In the first two, the place's or the pick's angle decides. The third
+is the paper's training task, which it does not measure."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
 ENTRIES = ("demonstrations", "multi", "tiers", "search", "settings", "longer", "skipped")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gem_lite.drawing.plot_benchmark import MARK, Row, cell, interval_text, lines_of
-from gem_lite.evaluation import benchmark, results
+from experiments.benchmark.tables import MARK, Row, cell, interval_text, lines_of
+from gem_lite.evaluation import results
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.evaluation.summaries import COMPARED, scores
+from gem_lite.tasks import PAPER
 
 OVERVIEW = {
     "gem": "GEM",
@@ -103,7 +104,7 @@ def signed(difference: Difference, measured: Sequence[Score]) -> str:
 
 def named(task: str) -> str:
     """The name of a task in a table, with a star if it is not the paper's."""
-    return task if task in benchmark.VARIANTS else f"{task}*"
+    return task if task in PAPER else f"{task}*"
 
 
 def place_angle(rows: Rows) -> str:
@@ -138,7 +139,7 @@ def rules(rows: Rows) -> str:
     lines = []
     for policy, rule, *methods in RULES:
         with_rule, without = (scores(rows, method, 10) for method in methods)
-        for task in benchmark.VARIANTS:
+        for task in PAPER:
             if task in with_rule and task in without:
                 both = (with_rule[task], without[task])
                 lines.append([policy, rule, task, *map(score_cell, both), lead(*both)])

@@ -1,19 +1,13 @@
-"""The benchmark's tables, as pictures and as Markdown, leads with their intervals, seen beside unseen, Fig. A5."""
+"""Rows as Markdown tables."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
-import numpy as np
-from matplotlib.figure import Figure
-
-from gem_lite.drawing.plots import MAP_COLORS, SAFE_COLORS
-from gem_lite.evaluation import benchmark, results
-from gem_lite.evaluation.statistics import Difference
-from gem_lite.evaluation.summaries import MeanAndInterval, mean_over_tasks
+from experiments.benchmark.checks import check_checkpoints
+from gem_lite.evaluation import results
+from gem_lite.evaluation.summaries import mean_over_tasks
 
 Row = dict[str, Any]
 """A row of results, see `gem_lite.evaluation.results`."""
@@ -41,9 +35,9 @@ def arranged(rows: Sequence[Row]) -> Table:
     """The rows over all test episodes, by column and task.
 
     Raises:
-        ValueError: two rows have the same column and task, or see `benchmark.check_checkpoints`.
+        ValueError: two rows have the same column and task, or see `check_checkpoints`.
     """
-    benchmark.check_checkpoints(rows)
+    check_checkpoints(rows)
     table: Table = {}
     for row in rows:
         if row["split"] != "test" or row["subset"] != "all":
