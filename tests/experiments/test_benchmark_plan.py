@@ -108,17 +108,6 @@ def test_whatever_changes_a_row_changes_its_columns(change):
     assert cell.columns != changed.columns or "episodes" in change
 
 
-def test_the_search_is_the_same_for_every_method_and_on_validation_episodes(whole):
-    cells = whole.search()
-    trials = {
-        method: {(c.task, c.training.steps, c.training.learning_rate) for c in cells if c.method == method}
-        for method in CONTENT["search"]["methods"]
-    }
-    assert len(trials) == 3 and len({frozenset(found) for found in trials.values()}) == 1
-    assert all(cell.split == "val" for cell in cells)
-    assert len(CONTENT["search"]["trials"]) == 4 and len(CONTENT["search"]["tasks"]) == 2
-
-
 def test_every_variant_of_every_method_is_measured_somewhere(whole):
     measured = {methods.split(cell.method) for cell in all_cells(whole) if cell.training}
     assert set(ABLATIONS) <= {ending for _, endings in measured for ending in endings}
