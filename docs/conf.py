@@ -22,7 +22,7 @@ include_patterns = [
     "build/api/*.rst",
     "notebooks/*.ipynb",
     "data/*/README.md",
-    "workflow/README.md",
+    "experiments/benchmark/README.md",
     "*.md",
 ]
 extensions = [

@@ -7,19 +7,18 @@ from functools import partial
 import numpy as np
 import pybullet as p
 import pytest
-from drawings import plot_gallery
 from test_tasks import lay_out
 
 from gem_lite import colors, language, tasks
 from gem_lite.actions import PickPlace, Push
+from gem_lite.drawing import plot_benchmark
 from gem_lite.evaluation import gallery
-from gem_lite.evaluation.benchmark import VARIANTS
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands
 from gem_lite.simulation.goals import VolumeMetric
 from gem_lite.tasks import assembling_kits, packing_box_pairs, packing_objects, spawn
 
-NEW = [name for name in VARIANTS if not name.startswith(("packing-shapes", "put-block", "stack-block"))]
+NEW = [name for name in tasks.PAPER if not name.startswith(("packing-shapes", "put-block", "stack-block"))]
 ROPE, KITS, PAIRS = "align-rope", "assembling-kits-seq-seen-colors", "packing-box-pairs-seen-colors"
 SEQUENCE, GROUP = "packing-google-objects-seq-seen", "packing-google-objects-group-unseen"
 PILES, HANOI = "separating-piles-seen-colors", "towers-of-hanoi-seq-unseen-colors"
@@ -47,9 +46,9 @@ def put(world, body, pose):
 # All families --------------------------------------------------------------------------------------------
 
 
-def test_all_eighteen_variants_of_the_paper_are_registered():
-    assert len(VARIANTS) == 18
-    assert set(VARIANTS) <= set(tasks.names())
+def test_all_eighteen_tasks_of_the_paper_are_registered():
+    assert len(set(tasks.PAPER)) == 18
+    assert set(tasks.PAPER) <= set(tasks.names())
 
 
 @pytest.mark.parametrize("name", NEW)
@@ -343,5 +342,5 @@ def test_the_gallery_shows_a_task_before_and_after(world):
     assert len(story.sentences) == 1 and story.sentences[0].startswith("put the")
     changed = np.abs(story.first.astype(int) - story.last).max(axis=-1) > 30
     assert 0.0001 < changed.mean() < 0.2  # the blocks moved, the rest of the picture did not
-    fig = plot_gallery.show_gallery([story, story], columns=2)
+    fig = plot_benchmark.show_gallery([story, story], columns=2)
     assert len(fig.axes) == 4

@@ -6,7 +6,7 @@ import pytest
 from shapely.geometry import Point
 
 from gem_lite import clip, colors, tasks
-from gem_lite.evaluation import benchmark, pointing, pointing_scenes, results
+from gem_lite.evaluation import pointing, pointing_scenes, results
 from gem_lite.evaluation.pointing import Pointing, point
 from gem_lite.evaluation.pointing_scenes import lay_out
 from gem_lite.learning import calibrating
@@ -211,7 +211,7 @@ def test_scenes_are_in_no_evaluation_and_no_calibration():
     seeds = set(pointing_scenes.scene_seeds(1000))
     assert len(seeds) == 1000
     assert not seeds & {tasks.episode_seed("val", index) for index in range(calibrating.SCENES)}
-    rows = benchmark.stored_rows()
+    rows = results.stored_rows()
     assert rows
     for row in rows:
         # A subset holds fewer episodes than were run, so look as far as the largest.

@@ -1,7 +1,5 @@
 import json
-import re
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +7,7 @@ import pytest
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.demonstrations import ExpertAction
-from gem_lite.drawing import benchmark_page
-from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, failures, pointing, results, statistics
+from gem_lite.evaluation import evaluate, evaluate_mobile, failures, pointing, results, statistics
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies.base import Choice
@@ -20,8 +17,6 @@ from gem_lite.simulation import worlds
 from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
-ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "results.md").read_text()
 
 FACTS = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, LITE)}
 FACTS |= {"demos": 10, "seed": 0, "steps": LITE.steps, "checkpoint_sha256": "a", "train_cpu_seconds": 100.0}
@@ -193,86 +188,8 @@ def test_stored_rows_are_complete():
         assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/your_table.md"])
-def test_every_interval_of_a_page_is_that_of_a_row(page):
-    rows = benchmark.stored_rows()
-    for name in ("object-sorting", "own-table", "sensor-errors"):
-        rows += results.read_rows(results.RESULTS / f"{name}.jsonl")
-    known = {(row["mean"], *row["ci95"]) for row in rows}
-    means = PAGE.split("<!-- benchmark -->")[1].split("**mean of the 18**")[1].splitlines()[0]
-    number = r"(\d+(?:\.\d)?)"
-
-    def intervals(text):
-        return {tuple(map(float, match)) for match in re.findall(rf"{number} \[{number}, {number}\]", text)}
-
-    assert not intervals((ROOT / page).read_text()) - known - intervals(means)
-
-
-def test_the_tables_of_the_page_are_those_of_the_rows():
-    rows = benchmark.stored_rows()
-    assert benchmark_page.renewed(PAGE, rows) == PAGE, "run: gem-lite results page docs/results.md"
-    one_table = PAGE[PAGE.index("<!-- ablations -->") : PAGE.index("<!-- end of ablations -->")]
-    one_table += "<!-- end of ablations -->"
-    assert benchmark_page.renewed(one_table, rows) == one_table
-    assert benchmark_page.renewed(one_table, rows[:5]) != one_table
-    assert {*benchmark_page.TABLES, *benchmark_page.OTHER_TABLES} == set(re.findall("<!-- end of (.+) -->", PAGE))
-    with pytest.raises(ValueError, match=r"must name tables of benchmark, .*, sensor errors, got none"):
-        benchmark_page.renewed("no table", rows)
-    with pytest.raises(ValueError, match="got wishes"):
-        benchmark_page.renewed("<!-- wishes -->\n<!-- end of wishes -->\n", rows)
-    with pytest.raises(ValueError, match="the end of the table 'benchmark' and not its beginning"):
-        benchmark_page.renewed("<!-- end of benchmark -->\n", rows)
-
-
-def test_no_interval_and_no_difference_of_the_page_stands_outside_of_its_tables():
-    prose = re.sub(r"<!-- (.+) -->\n.*?<!-- end of \1 -->", "", PAGE, flags=re.S)
-    assert len(prose) < len(PAGE) / 2
-    typed = re.compile(r"\d \[|\[[-+\d]|[-+]\d+\.\d|\d+\.\d (?:to|and) \d")
-    assert typed.search("scores 7.1 [1.0, 2.0]") and typed.search("(-3.5, +1.0)") and typed.search("[+2, 3]")
-    assert not typed.findall(prose)
-
-
-METHODS = {
-    "GEM": "gem", "CLIPort": "cliport", "Transporter-Lan": "transporter-lan", "GEM-multi": "gem-multi",
-    "CLIPort-multi": "cliport-multi", "expert, rounded": "expert-rounded",
-}  # fmt: skip
-
-
-def cells_of(name):
-    """The cells of a table of the page, without its mean: method, task, number of demonstrations, text."""
-    table = PAGE.split(f"<!-- {name} -->\n")[1].split("<!-- end")[0]
-    split = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if "|" in line]
-    (_, *titles), _, *lines = split
-    for first, *cells in lines:
-        if "mean of" in first:
-            continue
-        task = first.rstrip("*")
-        if name == "ablations":
-            yield from ((first, task, 10, text) for task, text in zip(titles, cells, strict=True))
-        elif name == "demonstrations":
-            yield from ((METHODS[t], task, int(cells[0]), c) for t, c in zip(titles[1:], cells[1:], strict=True))
-        else:
-            for title, text in zip(titles, cells, strict=True):
-                method, _, count = title.partition(" with ")
-                yield METHODS[method], task, int(count or 10), text
-
-
-@pytest.mark.parametrize("name", ["benchmark", "ablations", "demonstrations", "several tasks"])
-def test_each_cell_of_the_page_is_its_row(name):
-    at_home = {"split": "test", "subset": "all", "world": "home", "config": "lite"}
-    rows = [row for row in benchmark.stored_rows() if at_home.items() <= row.items() and not row["seed"]]
-    cells = list(cells_of(name))
-    assert len(cells) > 20
-    for method, task, demos, text in cells:
-        demos = None if method == "expert-rounded" else demos
-        found = [row for row in rows if (row["method"], row["task"], row["demos"]) == (method, task, demos)]
-        texts = ["{:.1f} [{:.1f}, {:.1f}]".format(row["mean"], *row["ci95"]) for row in found]
-        assert texts == ([] if not text else [text.removesuffix("†")])
-        assert all(text.endswith("†") == results.is_outdated(row) for row in found)
-
-
 def test_no_two_stored_rows_have_one_name():
-    for path in results.RESULTS.glob("*.jsonl"):
+    for path in results.RESULTS.glob("**/*.jsonl"):
         identity = {"pointing": pointing.IDENTITY, "object-sorting": evaluate_mobile.IDENTITY}
         names = [
             tuple(str(row.get(key)) for key in identity.get(path.stem, results.IDENTITY))

@@ -4,10 +4,10 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from drawings import plot_scores
 
 from gem_lite import tasks
-from gem_lite.drawing import plot_benchmark
-from gem_lite.evaluation import benchmark, results, statistics, summaries
+from gem_lite.evaluation import results, statistics, summaries
 from gem_lite.evaluation.results import Score
 
 SEEN, UNSEEN = "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors"
@@ -192,9 +192,9 @@ def layout(world, task, index):
 
 
 def test_variants_of_a_family_share_layouts_and_families_do_not(world):
-    layouts = {task: layout(world, task, 3) for task in benchmark.VARIANTS}
-    same = {pair for pair in itertools.combinations(benchmark.VARIANTS, 2) if layouts[pair[0]] == layouts[pair[1]]}
-    pairs = summaries.seen_and_unseen(benchmark.VARIANTS)
+    layouts = {task: layout(world, task, 3) for task in tasks.PAPER}
+    same = {pair for pair in itertools.combinations(tasks.PAPER, 2) if layouts[pair[0]] == layouts[pair[1]]}
+    pairs = summaries.seen_and_unseen(tasks.PAPER)
     assert same == {pair for pair in pairs if "google" not in pair[0]} and len(same) == 6
     assert all(tasks.family(seen) == tasks.family(unseen) for seen, unseen in pairs)
     # The everyday objects of both variants are others, around a box that is the same.
@@ -221,27 +221,8 @@ def test_every_row_finds_its_table():
     }  # fmt: skip
 
 
-def test_scaling_is_over_the_tasks_that_have_every_number():
-    rows = [
-        row(method, task, [level] * 10, demos=count)
-        for method, count, level in (("gem", 10, 0.5), ("gem", 100, 1.0), ("cliport", 10, 0.0), ("cliport", 100, 0.5))
-        for task in (SEEN, ROPE)
-    ]
-    common, curves = summaries.scaling([*rows, row("gem", PILES, [0.0] * 10)], ("gem", "cliport"), (10, 100))
-    assert common == sorted([SEEN, ROPE])
-    assert {name: [mean for mean, _ in points.values()] for name, points in curves.items()} == {
-        "gem": [50, 100], "cliport": [0, 50],
-    }  # fmt: skip
-    assert summaries.scaling(rows, ("gem", "cliport"), (10, 20)) == ([], {})
-    figure = plot_benchmark.show_scaling(common, curves)
-    (axes,) = figure.axes
-    assert axes.get_ylabel() == "mean over 2 tasks"
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["gem", "cliport"]
-    plt.close(figure)
-
-
 def test_seen_and_unseen_are_paired():
-    pairs = summaries.seen_and_unseen(benchmark.VARIANTS)
+    pairs = summaries.seen_and_unseen(tasks.PAPER)
     assert len(pairs) == 8  # align-rope and packing-shapes-unseen have no partner
     assert ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors") in pairs
     assert ("packing-google-objects-seq-seen", "packing-google-objects-seq-unseen") in pairs
@@ -262,7 +243,7 @@ def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():
     rows += [row("gem", "unclear", [1.0, 0.0] * 10), row("x", "unclear", [0.0, 1.0] * 10)]
     own, rival = (summaries.scores(rows, name, demos=10) for name in ("gem", "x"))
     leads = {task: results.paired_difference(own[task], rival[task]) for task in own}
-    figure = plot_benchmark.show_leads({"x": leads, "itself": {"clear": leads["unclear"]}}, "gem minus it")
+    figure = plot_scores.show_leads({"x": leads, "itself": {"clear": leads["unclear"]}}, "gem minus it")
     marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 1 and line.get_marker() in "os"]
     assert [mark.get_xdata()[0] for mark in marks if mark.get_xdata()[0] is not None] == [100, 0, 0]
     assert [mark.get_markerfacecolor() == "white" for mark in marks] == [False, True, True]
@@ -274,7 +255,7 @@ def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():
 
 def test_seen_beside_unseen_has_a_panel_for_each_method_and_its_mean():
     panels = {"gem": {"a": (100.0, 90.0), "b": (80.0, 50.0)}, "x": {"a": (60.0, 10.0)}}
-    figure = plot_benchmark.show_seen_unseen(panels)
+    figure = plot_scores.show_seen_unseen(panels)
     assert [axes.get_title() for axes in figure.axes] == ["gem\n2 pairs of tasks", "x\n1 pairs of tasks"]
     thick = [line.get_ydata().tolist() for axes in figure.axes for line in axes.lines if line.get_linewidth() == 3]
     assert thick == [[90, 70], [60, 10]]

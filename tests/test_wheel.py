@@ -26,12 +26,12 @@ POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl
 USE_ALL = """
 from gem_lite import clip
 from gem_lite.cli import demo
-from gem_lite.evaluation import benchmark, evaluate
+from gem_lite.evaluation import evaluate, results
 from gem_lite.learning import train
 model = clip.load()
 assert model.dim > 0 and model.calibration is not None
 assert (clip.DATA / "gem-put-block-in-bowl.safetensors").exists()
-assert benchmark.stored_rows()
+assert results.stored_rows()
 print(clip.DATA, clip.__file__, model.name, sep="\\n")
 """
 ACT = f"""

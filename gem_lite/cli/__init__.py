@@ -27,10 +27,6 @@ COMMANDS = {
     "clip calibrate": ("clip", "Calibrate", "measure the scale of a CLIP's scores, once for each CLIP"),
     "results list": ("results", "List", "the files of results, and what they hold"),
     "results show": ("results", "Show", "the rows of a file of results"),
-    "results gallery": ("pages", "Gallery", "draw the first and the last picture of every task of the benchmark"),
-    "results tables": ("pages", "Tables", "draw the benchmark's tables from the stored rows"),
-    "results page": ("pages", "Page", "write the tables of docs/results.md from the stored rows"),
-    "results settings": ("pages", "Settings", "print what the search and the experts' rows decide for the others"),
 }
 """For each subcommand: its module in this package, its class in that module, and its description."""
 

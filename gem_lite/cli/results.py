@@ -26,8 +26,8 @@ class List(Command):
     def run(self) -> None:
         if not self.folder.is_dir():
             raise FileNotFoundError(f"{self.folder} is no folder of results")
-        for name, paths in files_by_name(self.folder).items():
-            rows = [row for path in paths for row in results.read_rows(path)]
+        for name, path in files_by_name(self.folder).items():
+            rows = results.read_rows(path)
             names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
             print(f"{name}: {len(rows)} rows, of {', '.join(names)}")
 
@@ -50,10 +50,10 @@ class Show(Command):
     @override
     def run(self) -> None:
         stored = files_by_name(results.RESULTS)
-        paths = stored.get(self.name, [Path(self.name)])
-        if not paths[0].is_file():
+        path = stored.get(self.name, Path(self.name))
+        if not path.is_file():
             raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {', '.join(stored)}")
-        rows = [row for path in paths for row in results.read_rows(path) if self.selects(row)]
+        rows = [row for row in results.read_rows(path) if self.selects(row)]
         if not rows:
             raise ValueError(f"{self.name} has no such row")
         for row in rows:
@@ -69,12 +69,10 @@ class Show(Command):
         )
 
 
-def files_by_name(folder: Path) -> dict[str, list[Path]]:
-    """The files of rows in a folder. Those of one task of the benchmark have one name, such as benchmark/align-rope."""
-    files = {path.stem: [path] for path in sorted(folder.glob("*.jsonl"))}
-    for path in sorted(folder.glob("*/*/*.jsonl")):
-        files.setdefault(path.parent.relative_to(folder).as_posix(), []).append(path)
-    return files
+def files_by_name(folder: Path) -> dict[str, Path]:
+    """The files of rows in a folder and its folders, by name: pointing, benchmark/align-rope."""
+    paths = [*sorted(folder.glob("*.jsonl")), *sorted(folder.glob("*/*.jsonl"))]
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in paths}
 
 
 def described(row: dict) -> str:

@@ -125,6 +125,16 @@ def results_file(task_name: str) -> Path:
     return RESULTS / f"{tasks.family(task_name)}.jsonl"
 
 
+def benchmark_file(task_name: str) -> Path:
+    """Where the benchmark's rows on a task are filed."""
+    return RESULTS / "benchmark" / f"{task_name}.jsonl"
+
+
+def stored_rows() -> list[dict]:
+    """The benchmark's rows that are filed, sorted by task."""
+    return [row for path in sorted(benchmark_file("").parent.glob("*.jsonl")) for row in read_rows(path)]
+
+
 def output(filed: bool, path: Path | None, name: str) -> Path:
     """The file for rows: ``path`` if it is given, else ``name`` in `RESULTS` if ``filed``, else ``name`` in `RUNS`."""
     return path or (RESULTS if filed else RUNS) / f"{name}.jsonl"

@@ -1,6 +1,6 @@
 """The benchmark in a few numbers: means over tasks, seen beside unseen, better rivals, and the rows of each table.
 
-Everything is computed from stored rows (`benchmark.stored_rows`).
+Everything is computed from stored rows (`results.stored_rows`).
 """
 
 from __future__ import annotations
@@ -195,22 +195,3 @@ def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:
         "seeds": [row for row in trained if (row["method"], row["task"], row["demos"]) in reseeded],
     }
     return {name: chosen for name, chosen in tables.items() if chosen}
-
-
-def scaling(
-    rows: Sequence[dict], names: Sequence[str], counts: Sequence[int]
-) -> tuple[list[str], dict[str, dict[int, MeanAndInterval]]]:
-    """Means over tasks against the number of demonstrations (Fig. A5), seed 0.
-
-    Returns:
-        The tasks on which every method was measured with every number; and by method and number the mean over these
-        tasks. Without such a task, both are empty.
-    """
-    cells = {(name, count): scores(rows, name, count) for name in names for count in counts}
-    common = sorted(set.intersection(*(set(found) for found in cells.values())))
-    if not common:
-        return [], {}
-    curves: dict[str, dict[int, MeanAndInterval]] = {name: {} for name in names}
-    for (name, count), found in cells.items():
-        curves[name][count] = mean_over_tasks({task: found[task] for task in common})
-    return common, curves

@@ -17,7 +17,19 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
 )
 from gem_lite.tasks.registry import SPLITS, family, make, names, register, variants
 
-__all__ = ["SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants"]
+__all__ = [
+    "PAPER", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants",
+]  # fmt: skip
+
+PAPER = (
+    "align-rope", "assembling-kits-seq-seen-colors", "assembling-kits-seq-unseen-colors",
+    "packing-box-pairs-seen-colors", "packing-box-pairs-unseen-colors", "packing-google-objects-seq-seen",
+    "packing-google-objects-seq-unseen", "packing-google-objects-group-seen", "packing-google-objects-group-unseen",
+    "packing-shapes-unseen", "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors",
+    "separating-piles-seen-colors", "separating-piles-unseen-colors", "stack-block-pyramid-seq-seen-colors",
+    "stack-block-pyramid-seq-unseen-colors", "towers-of-hanoi-seq-seen-colors", "towers-of-hanoi-seq-unseen-colors",
+)  # fmt: skip
+"""The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 
 SEED_START: dict[Split, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
 """Episode i of a split has the seed SEED_START[split] + i. The ranges of the splits do not overlap."""

@@ -1,0 +1,117 @@
+"""What the benchmark's rows make: python -m experiments.benchmark COMMAND ..., from the checkout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+import yaml
+from tqdm import tqdm
+from tyro.conf import Positional, arg
+
+from experiments.benchmark import page as results_page
+from experiments.benchmark import plan, scaling, tables
+from gem_lite.drawing import plot_benchmark
+from gem_lite.evaluation import gallery as stories
+from gem_lite.evaluation import results, summaries
+from gem_lite.files import write_atomically
+from gem_lite.tasks import PAPER
+
+SCALED = ((10, 100), (10, 20, 100))
+"""The numbers of demonstrations of the pictures of Fig. A5: few tasks are measured with 20."""
+
+
+def file(paths: Positional[tuple[Path, ...]]) -> None:
+    """File measured rows in the tables of their tasks, data/results/benchmark/TASK.jsonl.
+
+    Args:
+        paths: files of rows
+    """
+    for path in paths:
+        rows = results.read_rows(path)
+        if not rows:
+            raise ValueError(f"{path} holds no rows")
+        for task in dict.fromkeys(row["task"] for row in rows):
+            of_task = [row for row in rows if row["task"] == task]
+            results.file_rows(of_task, results.benchmark_file(task), plan.IDENTITY)
+
+
+def page(path: Positional[Path]) -> None:
+    """Write the tables of a Markdown page anew from the stored rows.
+
+    Args:
+        path: the page; comments in it name the tables
+    """
+    write_atomically(path, results_page.renewed(path.read_text(), results.stored_rows()).encode())
+    print(f"wrote {path}")
+
+
+def draw(folder: Positional[Path]) -> None:
+    """Draw the tables and the scaling (Fig. A5) from the stored rows, as pictures and as Markdown.
+
+    Args:
+        folder: folder to write
+    """
+    rows = results.stored_rows()
+    if not rows:
+        raise ValueError("no rows are filed: measure some with the Snakefile")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, chosen in summaries.table_rows(rows).items():
+        table = tables.arranged(chosen)
+        measured = {task for column in table.values() for task in column}
+        names = [task for task in (*PAPER, *plan.OURS) if task in measured]
+        write_atomically(folder / f"{name}.md", tables.markdown(table, names).encode())
+        plot_benchmark.show_table(table, names).savefig(folder / f"{name}.png", dpi=110)
+        print(f"wrote {name}.md and {name}.png into {folder}, from {len(chosen)} rows")
+    for counts in SCALED:
+        common, curves = scaling.scaling(rows, summaries.COMPARED, counts)
+        if common:
+            path = folder / f"figure-a5-{'-'.join(map(str, counts))}.png"
+            scaling.show_scaling(common, curves).savefig(path, dpi=110)
+            print(f"wrote {path}, means over {', '.join(common)}")
+
+
+def settings(clip: str | None = None) -> None:
+    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml.
+
+    Args:
+        clip: Hugging Face name or folder of a CLIP (without it: the embedded one)
+    """
+    whole = plan.Plan.load(clip)
+    search = whole.search()
+    chosen = {name: plan.chosen(search, name) for name in dict.fromkeys(cell.method for cell in search)}
+    experts = [cell for cell in whole.tier("experts") if cell.method == "expert"]
+    unsolved = {cell.task: list(plan.unsolved(cell)) for cell in experts}
+    skipped = {task: indices for task, indices in unsolved.items() if indices}
+    print(yaml.safe_dump({"settings": chosen, "skipped": skipped}, default_flow_style=None, sort_keys=False))
+
+
+def gallery(path: Positional[Path], names: Annotated[tuple[str, ...], arg(name="tasks")] = PAPER) -> None:
+    """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10).
+
+    Args:
+        path: picture to write
+        names: names of the tasks (without it: the paper's eighteen)
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
+    played = list(tqdm(stories.stories(names), "episodes", len(names), unit="episode"))
+    plot_benchmark.show_gallery(played).savefig(path, dpi=100)
+    print(f"wrote {path}; the expert scored {min(story.score for story in played):.2f} or more")
+
+
+COMMANDS = {"file": file, "page": page, "tables": draw, "settings": settings, "gallery": gallery}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command line. A failure ends with one sentence."""
+    try:
+        tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="python -m experiments.benchmark", args=argv)
+    except (OSError, ValueError, LookupError) as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()

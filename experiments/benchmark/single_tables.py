@@ -1,0 +1,194 @@
+"""Tables of single experiments in docs/results.md, and the cells of which all its tables are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from experiments.benchmark.tables import MARK, Row, cell, interval_text, lines_of
+from gem_lite.evaluation import results
+from gem_lite.evaluation.results import Score
+from gem_lite.evaluation.statistics import Difference
+from gem_lite.evaluation.summaries import COMPARED, scores
+from gem_lite.tasks import PAPER
+
+OVERVIEW = {
+    "gem": "GEM",
+    "cliport": "CLIPort",
+    "transporter-lan": "Transporter-Lan",
+    "gem-multi": "GEM-multi",
+    "cliport-multi": "CLIPort-multi",
+    "expert-rounded": "expert, rounded",
+}
+"""The columns of the first table: methods, and their titles."""
+ANGLE = {
+    "gem": "GEM: one kernel, steered",
+    "gem-with-free-kernels": "36 free kernels (ours)",
+    "gem-without-steerable-kernel": "one unrotated kernel",
+    "cliport": "CLIPort",
+    "transporter-lan": "Transporter-Lan",
+    "expert-rounded": "expert, rounded",
+}
+"""The methods where the place angle decides, and their titles."""
+WORLDS = {
+    "home": "home",
+    "other-containers": "other-containers: bowls, boxes and plates that no demonstration had",
+    "white-floor": "white-floor",
+    "shadows": "shadows: a low lamp that casts them",
+    "bright-light": "bright-light",
+    "touching": "touching: bodies that touch each other",
+}
+"""Worlds, and their titles."""
+MOVED = ("put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen")
+"""The tasks that are measured in other worlds."""
+ERRORS = {
+    "all": "all together",
+    "disparity": "disparity",
+    "holes": "holes",
+    "edges": "edges",
+    "rotation": "rotation of the poses",
+    "position": "position of the poses",
+    "color": "colour",
+    "quantisation": "rounding",
+}
+"""Kinds of errors of depth cameras, and their titles."""
+SIZES = {
+    "nominal": ("nominal", "1 x nominal"),
+    "hard": ("hard", "4 x nominal"),
+    "twice hard": ("2 x hard", "8 x nominal"),
+}
+"""Sizes of these errors, and their names in rows."""
+RULES = (
+    ("GEM-multi", "location words", "gem-multi", "gem-without-locations-multi"),
+    ("GEM-multi", "near the peak", "gem-multi", "gem-without-peak-multi"),
+    ("GEM-multi", '"and"', "gem-multi", "gem-without-conjuncts-multi"),
+    ("CLIPort-multi", "all three", "cliport-with-map-rules-multi", "cliport-multi"),
+)
+"""A policy, rules of acting, and the methods as which it acts with and without them."""
+Rows = Sequence[Row]
+"""Rows of results."""
+
+
+def found(rows: Rows, **wanted: object) -> Row | None:
+    """The row with these entries, or None. Raises ValueError if there are several."""
+    matches = [row for row in rows if wanted.items() <= row.items()]
+    if len(matches) > 1:
+        raise ValueError(f"there are {len(matches)} rows with {wanted}")
+    return matches[0] if matches else None
+
+
+def at_home(rows: Rows, method: str, task: str, demos: int | None = 10, world: str = "home") -> str:
+    """The cell of a policy with training seed 0, or of a scripted method, on the test episodes; empty without a row."""
+    seed = None if demos is None else 0
+    facts = {"split": "test", "subset": "all", "config": "lite", "world": world, "seed": seed}
+    row = found(rows, method=method, task=task, demos=demos, **facts)
+    return cell(row) if row else ""
+
+
+def score_cell(score: Score) -> str:
+    """A score in a cell, with the mark if a row of it is outdated."""
+    return f"{score}{MARK if score.outdated else ''}"
+
+
+def lead(first: Score | None, second: Score | None) -> str:
+    """The paired difference of two scores; empty if one is missing."""
+    if first is None or second is None:
+        return ""
+    return signed(results.paired_difference(first, second), (first, second))
+
+
+def signed(difference: Difference, measured: Sequence[Score]) -> str:
+    """A difference in a cell, with the mark if a score of which it is made is outdated."""
+    mark = MARK if any(score.outdated for score in measured) else ""
+    return interval_text(difference.mean, difference.interval, "+") + mark
+
+
+def named(task: str) -> str:
+    """The name of a task in a table, with a star if it is not the paper's."""
+    return task if task in PAPER else f"{task}*"
+
+
+def place_angle(rows: Rows) -> str:
+    """Methods on block-insertion, where the place angle decides."""
+    task = "block-insertion"
+    lines = [[title, at_home(rows, name, task, None if "expert" in name else 10)] for name, title in ANGLE.items()]
+    return lines_of(["method", named(task)], lines)
+
+
+def worlds(rows: Rows) -> str:
+    """GEM in other worlds."""
+    lines = [[title, *(at_home(rows, "gem", task, world=world) for task in MOVED)] for world, title in WORLDS.items()]
+    return lines_of(["world", *map(named, MOVED)], lines)
+
+
+def search(rows: Rows) -> str:
+    """Every trial of the search, on validation episodes: the bowls / the pyramid."""
+    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all"]
+    lines = []
+    for steps, rate in sorted({(row["steps"], row["learning_rate"]) for row in trials}):
+        cells = []
+        for method in COMPARED:
+            facts = {"method": method, "steps": steps, "learning_rate": rate}
+            both = [found(trials, task=task, **facts) for task in MOVED[:2]]
+            cells.append(" / ".join(cell(row) if row else "" for row in both))
+        lines.append([f"{steps}, {rate}", *cells])
+    return lines_of(["steps, rate", *(OVERVIEW[name] for name in COMPARED)], lines)
+
+
+def rules(rows: Rows) -> str:
+    """What rules of acting are worth: one policy with and without them, on the tasks on which both were measured."""
+    lines = []
+    for policy, rule, *methods in RULES:
+        with_rule, without = (scores(rows, method, 10) for method in methods)
+        for task in PAPER:
+            if task in with_rule and task in without:
+                both = (with_rule[task], without[task])
+                lines.append([policy, rule, task, *map(score_cell, both), lead(*both)])
+    return lines_of(["policy", "rule", "task", "with it", "without it", "difference"], lines)
+
+
+def two_tables(rows: Rows) -> str:
+    """GEM over two tables, by how the robot knows where they are."""
+    lines = []
+    for task in ("object-sorting-seen", "object-sorting-unseen"):
+        facts = {"task": task, "world": "home", "shift": 0.0, "turn": 0.0}
+        both = [found(rows, poses=poses, **facts) for poses in ("tags", "truth")]
+        lines.append([task, *(cell(row) if row else "" for row in both)])
+    return lines_of(["object-sorting", "poses from tags", "true poses"], lines)
+
+
+def own_table(rows: Rows) -> str:
+    """Two policies on a table of another simulator, and their difference."""
+    trained, shipped = (found(rows, method=name, task="foreign-block-in-bowl") for name in ("gem", "gem-multi"))
+    lines = []
+    if trained and shipped:
+        lines.append([f"GEM, {trained['steps']} steps", f"{trained['demos']}, recorded there", cell(trained)])
+        lines.append(["GEM-multi as it is shipped", "none of these tables", cell(shipped)])
+        lines.append(["the first minus the second", "", lead(results.pool([trained]), results.pool([shipped]))])
+    return lines_of(["policy", "demonstrations", "solved"], lines)
+
+
+def refusals(rows: Rows) -> str:
+    """How often the refusal refused, by table and by whether the named thing was there."""
+    titles = {"MuJoCo": "of MuJoCo", "home": "ours (bowls, everyday objects, pairs of boxes; unseen names)"}
+    subsets = ("named thing is there", "named thing is not there")
+    lines = []
+    for world, title in titles.items():
+        asked = [found(rows, task="refusal", world=world, subset=subset) for subset in subsets]
+        lines.append([title, *(cell(row) if row else "" for row in asked)])
+    return lines_of(["tables", "the named thing is there (100)", "it is not there (50)"], lines)
+
+
+def sensor_errors(rows: Rows) -> str:
+    """A policy by the kind and the size of its cameras' errors."""
+
+    def text(kind: str, size: str, levelled: bool) -> str:
+        matches = [row for row in rows if row["kind"] == kind and row["level"] in SIZES[size]]
+        chosen = [row for row in matches if bool(row.get("levelled")) == levelled]
+        return cell(chosen[0]) if chosen else ""
+
+    columns = [(size, False) for size in SIZES] + [("hard", True), ("twice hard", True)]
+    none = found(rows, kind="none")
+    first = ["none", cell(none) if none else "", *[""] * (len(columns) - 1)]
+    lines = [[title, *(text(kind, *column) for column in columns)] for kind, title in ERRORS.items()]
+    head = [f"{size}, levelled" if levelled else size for size, levelled in columns]
+    return lines_of(["kind", *head], [first, *lines])

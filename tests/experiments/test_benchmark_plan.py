@@ -1,0 +1,325 @@
+"""The plan of the benchmark: its cells, where their rows are, and what Snakemake would do."""
+
+import dataclasses
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import filelock
+import pytest
+import yaml
+
+from experiments.benchmark import checks, page, plan, tables
+from experiments.benchmark.__main__ import main
+from experiments.benchmark.plan import OURS, Cell, Plan, Training
+from gem_lite import clip, tasks
+from gem_lite.evaluation import results, summaries
+from gem_lite.policies import methods
+from gem_lite.policies.gem_config import ABLATIONS
+
+ROOT = Path(__file__).resolve().parents[2]
+SNAKEFILE = "experiments/benchmark/Snakefile"
+CONTENT = yaml.safe_load(plan.FILE.read_text())
+BOWL, UNSEEN_BOWL = "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors"
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return Plan.load()
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    """No row is filed."""
+    monkeypatch.setattr(results, "RESULTS", tmp_path)
+
+
+def all_cells(whole):
+    cells = [*whole.search(), *itertools.chain(*(whole.tier(name) for name in CONTENT["tiers"]))]
+    return list(dict.fromkeys(cells))
+
+
+def row_of(cell, mean=50.0, **changes):
+    facts = {name: None for name in results.IDENTITY} | cell.columns | {"episodes": cell.episodes}
+    facts |= {"mean": mean, "ci95": [mean - 5, mean + 5], "train_cpu_seconds": None}
+    return facts | {"rewards": {str(index): mean / 100 for index in range(cell.episodes)}} | changes
+
+
+def file_row(cell, mean=50.0, **changes):
+    results.file_rows([row_of(cell, mean, **changes)], results.benchmark_file(cell.task), plan.IDENTITY)
+
+
+# The cells ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_tier_compares_three_methods_on_every_task(whole):
+    assert len(set(tasks.PAPER)) == 18 and not set(tasks.PAPER) & set(OURS)
+    assert len({tasks.family(name) for name in whole.several}) == len(whole.several) == 10
+    cells = whole.tier("must")
+    assert len(cells) == len({cell.name for cell in cells})
+    for method in ("gem", "cliport", "transporter-lan"):
+        measured = {cell.task for cell in cells if cell.method == method and cell.training.demos == 10}
+        assert measured == {*tasks.PAPER, "block-insertion"}
+    assert all(cell.episodes == 50 and cell.split == "test" for cell in cells)
+
+
+def test_two_variants_of_colours_share_a_training_and_two_of_objects_do_not(whole):
+    gem = {cell.task: cell.training for cell in whole.tier("must") if cell.method == "gem"}
+    assert gem[BOWL] == gem[UNSEEN_BOWL]
+    assert gem["packing-google-objects-seq-seen"] != gem["packing-google-objects-seq-unseen"]
+    assert len(plan.trainings(whole.tier("must"))) < len(whole.tier("must"))
+
+
+def test_a_policy_for_all_tasks_has_as_many_steps_for_each_and_a_longer_task_more(whole):
+    steps = {(cell.method, cell.training.tasks): cell.training.config.steps for cell in whole.tier("must")}
+    for method in ("gem", "cliport", "transporter-lan"):
+        assert steps[method, ("align-rope",)] == 4 * steps[method, ("block-insertion",)]
+    assert steps["gem-multi", whole.several] == 10 * steps["gem", ("block-insertion",)]
+    assert steps["gem", ("block-insertion",)] == CONTENT["settings"]["gem"]["steps"]
+
+
+TRAINING = Training("gem", (BOWL,), 10, 0, 2000, 0.001, "", "one")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"demos": 20}, {"seed": 1}, {"steps": 7}, {"learning_rate": 0.5}, {"tasks": ("bars-in-box",)},
+     {"method": "gem-without-image-map"}, {"clip_name": "openai/clip-vit-base-patch32", "clip_fingerprint": "other"}],
+)  # fmt: skip
+def test_whatever_changes_a_policy_changes_its_name_and_its_rows(change):
+    changed = dataclasses.replace(TRAINING, **change)
+    assert TRAINING.name != changed.name
+    cell, other = (Cell(one.method, BOWL, one) for one in (TRAINING, changed))
+    assert (cell.columns == other.columns) == ("tasks" in change)  # the plan has one set of demonstrations for a cell
+    assert (cell.name == other.name) == ("tasks" in change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"split": "val"}, {"episodes": 10}, {"preset": "paper"}, {"task": "align-rope"}, {"skipped": (3,)},
+     {"world": "shadows"}],
+)  # fmt: skip
+def test_whatever_changes_a_row_changes_its_columns(change):
+    cell = Cell("expert-rounded", BOWL)
+    changed = dataclasses.replace(cell, **change)
+    assert cell.name != changed.name
+    assert cell.columns != changed.columns or "episodes" in change
+
+
+def test_every_variant_of_every_method_is_measured_somewhere(whole):
+    measured = {methods.split(cell.method) for cell in all_cells(whole) if cell.training}
+    assert set(ABLATIONS) <= {ending for _, endings in measured for ending in endings}
+    assert set(methods.METHODS.names()) == {name for name, _ in measured}
+
+
+def test_a_wrong_plan_is_refused():
+    with pytest.raises(ValueError, match="the plan lacks demonstrations"):
+        Plan({name: value for name, value in CONTENT.items() if name != "demonstrations"})
+    with pytest.raises(ValueError, match="no task is named 'put-block-in-bowel'"):
+        Plan({**CONTENT, "multi": ["put-block-in-bowel"]})
+    with pytest.raises(ValueError, match="tier must be one of experts, must"):
+        Plan(CONTENT).tier("first")
+
+
+# Rows -----------------------------------------------------------------------------------------------------------------
+
+
+def test_every_stored_row_belongs_to_one_cell(whole):
+    found = [row for row in (cell.row() for cell in all_cells(whole)) if row]
+    stored = [row for row in results.stored_rows() if row["subset"] == "all"]
+    assert len(found) == len(stored) > 300 and all(row in found for row in stored)
+    names = [[row.get(name) for name in plan.IDENTITY] for row in results.stored_rows()]
+    assert len({str(name) for name in names}) == len(names)
+
+
+def test_a_cell_finds_its_row_by_the_columns(whole, empty):
+    cell = whole.tier("must")[0]
+    file_row(dataclasses.replace(cell, world="shadows"))
+    file_row(cell, episodes=40)
+    assert cell.row() is None
+    file_row(cell, 60.0)
+    assert cell.row()["mean"] == 60
+    file_row(cell, 70.0, checkpoint_sha256="trained again")
+    assert cell.row()["mean"] == 70 and len(results.stored_rows()) == 2
+
+
+def test_measured_rows_are_filed_by_their_task(whole, empty, tmp_path):
+    cells = [cell for cell in whole.tier("must") if cell.training.tasks == (BOWL,) and cell.method == "gem"]
+    measured = tmp_path / "measured.jsonl"
+    measured.write_text("".join(json.dumps(row_of(cell)) + "\n" for cell in cells))
+    main(["file", str(measured)])
+    assert {cell.row()["task"] for cell in cells} == {BOWL, UNSEEN_BOWL}
+    measured.write_text(json.dumps(row_of(cells[0], episodes=40)))
+    for wrong, said in ((measured, "holds a row over 50 episodes"), (tmp_path / "none", "holds no rows")):
+        with pytest.raises(SystemExit, match=said):
+            main(["file", str(wrong)])
+
+
+def test_the_best_trial_and_what_the_expert_does_not_solve_are_printed(whole, empty, capsys):
+    with pytest.raises(SystemExit, match="is not measured yet"):
+        main(["settings"])
+    for cell in whole.search():
+        file_row(cell, cell.training.steps / 100 + 1000 * cell.training.learning_rate)
+    with pytest.raises(SystemExit, match="the expert's row on align-rope is not measured yet"):
+        main(["settings"])
+    rewards = {"0": 1.0, "11": 0.98, "2": 0.5, "3": 0.9951}
+    for cell in whole.tier("experts"):
+        file_row(cell, rewards=rewards if cell.task == BOWL else {"0": 1.0})
+    main(["settings"])
+    printed = yaml.safe_load(capsys.readouterr().out)
+    assert printed["settings"]["gem"] == {"steps": 2000, "learning_rate": 0.001}
+    assert printed["skipped"] == {BOWL: [2, 11]}
+
+
+def test_the_plan_has_what_the_rows_decide(capsys):
+    main(["settings"])
+    printed = yaml.safe_load(capsys.readouterr().out)
+    assert {name: CONTENT[name] for name in printed} == printed
+    for task, left_out in printed["skipped"].items():
+        assert len(left_out) <= 56 * (0.1 if tasks.family(task) in ("align-rope", "separating-piles") else 0.05)
+
+
+def test_what_the_expert_does_not_solve_is_left_out_for_all_others():
+    changed = Plan({**CONTENT, "skipped": {BOWL: [4, 7]}})
+    cells = [cell for name in ("experts", "must") for cell in changed.tier(name) if cell.task == BOWL]
+    assert {cell.skipped for cell in cells if cell.method != "expert"} == {(4, 7)}
+    assert {cell.skipped for cell in cells if cell.method == "expert"} == {()}
+
+
+def test_a_row_of_another_world_has_no_place_in_a_table(whole):
+    cells = [cell for cell in whole.tier("lessons") if cell.method == "gem" and cell.world != "home"]
+    assert {"white-floor", "shadows", "touching"} <= {cell.world for cell in cells}
+    at_home = dataclasses.replace(cells[0], world="home")
+    rows = [row_of(cells[0]), row_of(at_home)]
+    assert summaries.table_rows(rows)["table-1"] == rows[1:]
+    assert summaries.scores(rows[:1], "gem", 10) == {}
+    assert set(summaries.scores(rows, "gem", 10, world=cells[0].world)) == {cells[0].task}
+
+
+def test_the_tables_hold_every_row_of_test_episodes(whole, empty, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit, match="no rows are filed"):
+        main(["tables", str(out)])
+    for number, cell in enumerate(whole.tier("experts")):
+        file_row(cell, float(number))
+    for cell in whole.search()[:3]:
+        file_row(cell, 1.0)
+    table = tables.arranged(results.stored_rows())
+    assert set(table) == {"expert", "expert-rounded", "expert-rounded, paper"}
+    text = tables.markdown(table, tasks.PAPER)
+    assert text.count("\n") == 2 + 18 + 1
+    assert "| 0.0 [-5.0, 5.0] |" in text and "| **mean of the 18** | " in text
+    main(["tables", str(out)])
+    assert (out / "ceilings.md").read_text().count("\n") == 2 + 21 + 1
+    assert (out / "ceilings.png").stat().st_size > 10_000
+    with pytest.raises(ValueError, match="rows must differ"):
+        tables.arranged([row_of(whole.tier("experts")[0])] * 2)
+
+
+# Policies -------------------------------------------------------------------------------------------------------------
+
+
+def test_all_rows_of_a_policy_are_of_one_checkpoint(monkeypatch):
+    rows = results.stored_rows()
+    checks.check_checkpoints(rows)
+    mixed = checks.MIXED
+    monkeypatch.setattr(checks, "MIXED", set())
+    for method, demos in mixed:
+        of_policy = [row for row in rows if (row["method"], row["demos"]) == (method, demos)]
+        with pytest.raises(ValueError, match=f"the rows of {method} with {demos} .* are of several policies"):
+            checks.check_checkpoints(of_policy)  # if it passes, take the entry out of MIXED
+
+
+def test_two_checkpoints_of_one_policy_are_refused(whole):
+    cells = {cell.task: cell for cell in whole.tier("must") if cell.method == "gem"}
+    one = row_of(cells[BOWL], data_sha256="d", checkpoint_sha256="one" * 4)
+    other = row_of(cells[UNSEEN_BOWL], data_sha256="d", checkpoint_sha256="two" * 4)
+    for change in ({"checkpoint_sha256": "one" * 4}, {"data_sha256": "another"}, {"seed": 1}, {"demos": 100}):
+        checks.check_checkpoints([one, other | change])
+    trials = [row | {"split": "val", "config_hash": name} for row, name in ((one, "a"), (other, "b"))]
+    checks.check_checkpoints(trials)
+    refused = f"gem with 10 demonstrations and the training seed 0 are of several policies, {'one' * 4} on {BOWL}, two"
+    same_trial = [row | {"config_hash": "a"} for row in trials]
+    for rows in ([one, other], [one, other | {"config_hash": "more steps"}], same_trial):
+        with pytest.raises(ValueError, match=refused):
+            checks.check_checkpoints(rows)
+    with pytest.raises(ValueError, match=refused):
+        page.renewed("", [one, other])
+    with pytest.raises(ValueError, match=refused):
+        tables.arranged([one, other])
+
+
+def test_a_policy_is_not_trained_anew_for_the_rest_of_its_cells_nor_taken_from_another_training(whole, empty, tmp_path):
+    cells = whole.tier("must")
+    first, second = [cell for cell in cells if cell.method == "gem" and cell.training.tasks == (BOWL,)]
+    training, policies = first.training, tmp_path / "policies"
+    checks.check_policy(first, cells, policies)  # nothing is filed: it may be trained
+    weights = policies / f"{training.name}.safetensors"
+    policies.mkdir()
+    weights.touch()
+
+    def write_card(**changes):
+        card = {
+            "method": "gem", "config": training.config.as_dict(), "sha256": "weights", "memory": [], "task": BOWL,
+            "clip": {"fingerprint": training.clip_fingerprint}, "demos": 10, "seed": 0,
+        }  # fmt: skip
+        weights.with_suffix(".json").write_text(json.dumps(card | changes))
+
+    write_card()
+    file_row(first, checkpoint_sha256="weights")
+    checks.check_policy(first, cells, policies)
+    checks.check_policy(second, cells, policies)
+    older = {"config": training.config.as_dict() | {"map_offset": 0.0}}
+    for change in (older, {"task": "align-rope"}, {"demos": 20}, {"seed": 1}, {"clip": {"fingerprint": "another"}}):
+        write_card(**change)
+        with pytest.raises(ValueError, match="is of another training than its name says"):
+            checks.check_policy(first, cells, policies)
+    write_card(sha256="trained again")
+    with pytest.raises(ValueError, match=r"its policy .* is another one, but other rows of this training are of"):
+        checks.check_policy(second, cells, policies)
+    weights.unlink()
+    with pytest.raises(ValueError, match=rf"is missing and would be trained anew, .*weights on {BOWL}"):
+        checks.check_policy(second, cells, policies)
+    checks.check_policy(first, cells, policies)  # its own row may be measured anew
+    checks.check_policy(Cell("expert", BOWL), cells, policies)
+
+
+# Snakemake ------------------------------------------------------------------------------------------------------------
+
+
+def snakemake(runs, *words):
+    command = [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--cores", "2", "--quiet", *words[:-1]]
+    words = ["--config", f"runs={runs}", f"clip={clip.EMBEDDED}", "--", words[-1]]
+    return subprocess.run([*command, *words], cwd=ROOT, capture_output=True, text=True)
+
+
+def test_snakemake_finds_a_way_to_rows_that_are_not_measured_yet(tmp_path):
+    done = snakemake(tmp_path, "--dry-run", "more")
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_snakemake_refuses_to_train_a_lost_policy_anew_for_one_of_its_rows(tmp_path):
+    cell = next(cell for cell in Plan.load(str(clip.EMBEDDED)).tier("must") if cell.method == "gem-multi")
+    done = snakemake(tmp_path, "--dry-run", str(tmp_path / "rows" / f"{cell.name}.jsonl"))
+    assert done.returncode == 1 and "is missing and would be trained anew" in done.stdout + done.stderr
+
+
+def test_snakemake_refuses_a_measured_row_that_is_not_filed(tmp_path):
+    whole = Plan.load(str(clip.EMBEDDED))
+    name = next(cell.name for cell in whole.tier("more") if cell.row() is None)
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / f"{name}.jsonl").touch()
+    done = snakemake(tmp_path, "--dry-run", "must")
+    assert done.returncode == 1 and f"{name}.jsonl is measured, and " in done.stdout + done.stderr
+
+
+def test_a_folder_of_runs_is_refused_while_another_process_works_in_it(tmp_path):
+    stamp = tmp_path / "demos" / "block-insertion-10.txt"
+    with filelock.FileLock(tmp_path / "lock"):
+        done = snakemake(tmp_path, str(stamp))
+    assert done.returncode == 1 and "another snakemake works in" in done.stderr and not stamp.parent.exists()
+    # Snakemake's own lock would stay after a kill.
+    profile = (ROOT / SNAKEFILE).with_name("profiles") / "default" / "config.yaml"
+    assert yaml.safe_load(profile.read_text())["nolock"] is True
