@@ -182,12 +182,6 @@ def test_a_seed_decides_everything(prepared, model, tmp_path):
     assert not torch.equal(found[0], found[2])
 
 
-def test_help_names_every_method(capsys):
-    assert main(["train", "--help"]) == 0
-    said = capsys.readouterr().out
-    assert all(f"  {name} " in said for name in methods.meanings())
-
-
 def test_the_shipped_policy_does_what_its_demonstrations_show(model):
     policy = load_policy(clip.DATA / "gem-put-block-in-bowl.safetensors", model)
     assert policy.name == "gem"
