@@ -12,7 +12,7 @@ from gem_lite.cli import main
 from gem_lite.learning import train
 from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import base as policy_module
-from gem_lite.policies import gates, methods
+from gem_lite.policies import gates
 from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
