@@ -27,7 +27,7 @@ BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "pointing", "check-cameras", "look", "names",
-    "clip pretrain", "clip card", "clip calibrate", "results list", "results show", "results gallery",
+    "clip calibrate", "results list", "results show", "results gallery",
     "results tables", "results page", "results settings",
 )  # fmt: skip
 
@@ -111,11 +111,6 @@ def test_an_example_reads_what_is_there(name, example):
         assert not word.startswith("benchmark/") or (results.RESULTS / word).is_dir()
 
 
-def test_the_example_of_a_card_keeps_the_shipped_card_true():
-    (example,) = (example for name, example in examples() if name == "clip card")
-    assert f"on {shlex.split(example)[-1]} crops" in (clip.EMBEDDED / "README.md").read_text()
-
-
 def test_helps_say_what_the_library_has():
     assert set(base.Split.__origin__.__args__) == set(SPLITS)
     assert all(name in help_of("several-tables") for name in variants("object-sorting"))
@@ -138,7 +133,7 @@ def test_the_help_of_a_method_lists_its_configuration(capsys):
 
 def test_unknown_commands_are_refused_with_the_nearest(capsys):
     assert said(capsys, "trian").startswith('Unknown command "trian". Did you mean "train"? Available commands: ')
-    assert 'Did you mean "pretrain"? ' in said(capsys, "clip", "pretrian")
+    assert 'Did you mean "calibrate"? ' in said(capsys, "clip", "calibrat")
     assert said(capsys, "zzz").startswith('Unknown command "zzz". Available commands: ')
 
 
@@ -186,11 +181,7 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         (f"several-tables {BOWL_POLICY}", "m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m"),
         ("pointing --kind circles", 'Invalid value "circles" for --kind. Choose from: "bowls", "shapes".'),
         ("pointing --scenes 0", "scenes must be at least 1, got 0"),
-        ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
-        ("clip pretrain --seed -1", "seed must be at least 0, got -1"),
-        ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
         ("clip calibrate .", "the CLIP folder '.' has no configuration: config.json is missing"),
-        ("clip card folder", "--training-crops requires an argument."),
         ("results show nothing", "there are no results named 'nothing'; there are: object-sorting, "),
         ("results show benchmark/bars-in-box --method nobody", "benchmark/bars-in-box has no such row"),
         ("results list --folder nowhere", "nowhere is no folder of results"),

@@ -14,7 +14,7 @@ from gem_lite.cli import clip, collect, demo, evaluate, names, own_table, pages,
 
 ABOUT = "Grounded Equivariant Manipulation. gem-lite COMMAND --help explains a command."
 GROUPS = (
-    base.make_app("clip", "Make, measure and calibrate a CLIP.", clip.pretrain, clip.card, clip.calibrate),
+    base.make_app("clip", "Calibrate a CLIP.", clip.calibrate),
     base.make_app(
         "results", "Show the stored rows, and draw them.", results.list_, results.show, pages.gallery, pages.tables,
         pages.page, pages.settings,
