@@ -110,7 +110,7 @@ def test_what_is_declared_is_imported_or_said_to_be_brought_along():
     declared = {canonicalize_name(requirement.name) for requirement in group("sim")}
     providers = metadata.packages_distributions()
     used = {canonicalize_name(name) for module in imported(files_of("gem_lite")) for name in providers[module]}
-    assert declared - used <= {"mapbox-earcut", "tyro", "typing-extensions"}
+    assert declared - used <= {"mapbox-earcut", "typing-extensions"}
 
 
 def test_environment_pins_all_that_the_tests_and_the_demo_install():

@@ -1,19 +1,17 @@
-"""What the benchmark's rows make: python -m experiments.benchmark COMMAND ..., from the checkout."""
+"""What the benchmark's rows make."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
-import tyro
 import yaml
 from tqdm import tqdm
-from tyro.conf import Positional, arg
 
 from experiments.benchmark import page as results_page
-from experiments.benchmark import plan, scaling, tables
+from experiments.benchmark import plan, scaling
+from experiments.benchmark.tables import arranged, markdown
+from gem_lite.cli import base
 from gem_lite.drawing import plot_benchmark
 from gem_lite.evaluation import gallery as stories
 from gem_lite.evaluation import results, summaries
@@ -24,7 +22,7 @@ SCALED = ((10, 100), (10, 20, 100))
 """The numbers of demonstrations of the pictures of Fig. A5: few tasks are measured with 20."""
 
 
-def file(paths: Positional[tuple[Path, ...]]) -> None:
+def file(*paths: Path) -> None:
     """File measured rows in the tables of their tasks, data/results/benchmark/TASK.jsonl.
 
     Args:
@@ -39,7 +37,7 @@ def file(paths: Positional[tuple[Path, ...]]) -> None:
             results.file_rows(of_task, results.benchmark_file(task), plan.IDENTITY)
 
 
-def page(path: Positional[Path]) -> None:
+def page(path: Path, /) -> None:
     """Write the tables of a Markdown page anew from the stored rows.
 
     Args:
@@ -49,7 +47,7 @@ def page(path: Positional[Path]) -> None:
     print(f"wrote {path}")
 
 
-def draw(folder: Positional[Path]) -> None:
+def tables(folder: Path, /) -> None:
     """Draw the tables and the scaling (Fig. A5) from the stored rows, as pictures and as Markdown.
 
     Args:
@@ -60,10 +58,10 @@ def draw(folder: Positional[Path]) -> None:
         raise ValueError("no rows are filed: measure some with the Snakefile")
     folder.mkdir(parents=True, exist_ok=True)
     for name, chosen in summaries.table_rows(rows).items():
-        table = tables.arranged(chosen)
+        table = arranged(chosen)
         measured = {task for column in table.values() for task in column}
         names = [task for task in (*PAPER, *plan.OURS) if task in measured]
-        write_atomically(folder / f"{name}.md", tables.markdown(table, names).encode())
+        write_atomically(folder / f"{name}.md", markdown(table, names).encode())
         plot_benchmark.show_table(table, names).savefig(folder / f"{name}.png", dpi=110)
         print(f"wrote {name}.md and {name}.png into {folder}, from {len(chosen)} rows")
     for counts in SCALED:
@@ -74,44 +72,34 @@ def draw(folder: Positional[Path]) -> None:
             print(f"wrote {path}, means over {', '.join(common)}")
 
 
-def settings(clip: str | None = None) -> None:
-    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml.
-
-    Args:
-        clip: Hugging Face name or folder of a CLIP (without it: the embedded one)
-    """
+def settings(*, clip: base.Clip = None) -> None:
+    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml."""
     whole = plan.Plan.load(clip)
     search = whole.search()
-    chosen = {name: plan.chosen(search, name) for name in dict.fromkeys(cell.method for cell in search)}
     experts = [cell for cell in whole.tier("experts") if cell.method == "expert"]
-    unsolved = {cell.task: list(plan.unsolved(cell)) for cell in experts}
+    try:
+        chosen = {name: plan.chosen(search, name) for name in dict.fromkeys(cell.method for cell in search)}
+        unsolved = {cell.task: list(plan.unsolved(cell)) for cell in experts}
+    except LookupError as error:
+        raise ValueError(str(error)) from error
     skipped = {task: indices for task, indices in unsolved.items() if indices}
     print(yaml.safe_dump({"settings": chosen, "skipped": skipped}, default_flow_style=None, sort_keys=False))
 
 
-def gallery(path: Positional[Path], names: Annotated[tuple[str, ...], arg(name="tasks")] = PAPER) -> None:
+def gallery(path: Path, /, *, tasks: tuple[str, ...] = PAPER) -> None:
     """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10).
 
     Args:
         path: picture to write
-        names: names of the tasks (without it: the paper's eighteen)
+        tasks: names of the tasks (without it: the paper's eighteen)
     """
     path.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
-    played = list(tqdm(stories.stories(names), "episodes", len(names), unit="episode"))
+    played = list(tqdm(stories.stories(tasks), "episodes", len(tasks), unit="episode"))
     plot_benchmark.show_gallery(played).savefig(path, dpi=100)
     print(f"wrote {path}; the expert scored {min(story.score for story in played):.2f} or more")
 
 
-COMMANDS = {"file": file, "page": page, "tables": draw, "settings": settings, "gallery": gallery}
-
-
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command line. A failure ends with one sentence."""
-    try:
-        tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="python -m experiments.benchmark", args=argv)
-    except (OSError, ValueError, LookupError) as error:
-        sys.exit(str(error))
-
+APP = base.make_app("python -m experiments.benchmark", __doc__, file, page, tables, settings, gallery)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(base.run(APP))

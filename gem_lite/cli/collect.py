@@ -1,51 +1,60 @@
-"""``gem-lite collect``: make expert demonstrations."""
+"""``gem-lite collect`` and ``gem-lite verify``: make demonstrations, and check them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING
 
-from typing_extensions import override
-from tyro.conf import Positional
+from gem_lite.cli.base import Import, Split, World, continues
 
-from gem_lite.cli import names
-from gem_lite.cli.command import Command, ImportingCommand
-from gem_lite.cli.verify import summary
-from gem_lite.learning import collecting
-from gem_lite.tasks import Split
+if TYPE_CHECKING:
+    from gem_lite.demonstrations import DemonstrationSet
 
 
-@dataclass(frozen=True, kw_only=True)
-class Collect(ImportingCommand):
-    """Let the expert play episodes of a task, and save those that succeed. A stopped collection continues."""
+def collect(
+    task: str, folder: Path, /, *, episodes: int = 10, split: Split = "train", start: int = 0, world: World = "home",
+    import_: Import = (),
+) -> None:  # fmt: skip
+    """Let the expert play episodes of a task, and save those that succeed.
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite collect bars-in-box runs/demos/bars --episodes 2",)
-    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, RuntimeError)
+    A stopped collection continues.
 
-    task: Positional[str]
-    """name of the task, see below"""
-    folder: Positional[Path]
-    """where to save them"""
-    episodes: int = 10
-    """number of episodes"""
-    split: Split = "train"
-    """split of the episodes"""
-    start: int = 0
-    """index in the split of the first episode to try"""
-    world: str = "home"
-    """looks of the world, see below"""
+    Args:
+        task: name of the task: gem-lite names lists them
+        folder: where to save them
+        episodes: number of episodes
+        start: index in the split of the first episode to try
 
-    @override
-    def run(self) -> None:
-        demos = collecting.collect(self.task, self.episodes, self.folder, self.split, self.start, self.world)
-        print(summary(self.folder, demos))
+    Examples:
+      gem-lite collect bars-in-box runs/demos/bars --episodes 2
+    """
+    from gem_lite.learning import collecting
 
-    @override
-    def stop_message(self) -> str:
-        return f"stopped; the same command goes on from the episodes in {self.folder}"
+    with continues(f"the episodes in {folder}"):
+        try:
+            demos = collecting.collect(task, episodes, folder, split, start, world)
+        except RuntimeError as error:  # The expert fails too often.
+            raise ValueError(str(error)) from error
+    print(summary(folder, demos))
 
-    @override
-    @classmethod
-    def more_help(cls) -> str:
-        return f"{names.task_names()}\n{names.world_names()}"
+
+def verify(folder: Path, /) -> None:
+    """Load a set of demonstrations and check the SHA-256 of every file.
+
+    Args:
+        folder: made by `gem-lite collect`
+
+    Examples:
+      gem-lite verify data/demos/put-block-in-bowl-seen-colors-10
+    """
+    from gem_lite import demonstrations
+
+    print(summary(folder, demonstrations.load(folder)))
+
+
+def summary(folder: Path, demos: DemonstrationSet) -> str:
+    """The content of a set, in one line. Every file is read and checked."""
+    from tqdm import tqdm
+
+    steps = sum(len(demonstration.steps) for demonstration in tqdm(demos, "verifying", unit="episode"))
+    return f"{folder}: {len(demos)} episodes, {steps} steps, data hash {demos.digest[:12]}"

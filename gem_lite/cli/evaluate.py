@@ -1,68 +1,105 @@
-"""``gem-lite evaluate``: measure a policy over episodes of a task."""
+"""``gem-lite evaluate`` and ``gem-lite several-tables``: measure a policy."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-from typing_extensions import override
-from tyro.conf import Positional
-
-from gem_lite import tasks
-from gem_lite.cli import names
-from gem_lite.cli.command import MeasuringCommand
-from gem_lite.evaluation import evaluate, results
-from gem_lite.tasks import Split
+from gem_lite.cli.base import Clip, File, Import, Out, Processes, Split, World
 
 
-@dataclass(frozen=True, kw_only=True)
-class Evaluate(MeasuringCommand):
-    """Measure a policy over episodes of a task. Prints the mean with its 95 % interval and writes the rows."""
+def evaluate(
+    method: str,
+    task: str,
+    /,
+    *,
+    checkpoint: Path | None = None,
+    episodes: int = 100,
+    start: int = 0,
+    split: Split = "test",
+    skip: tuple[int, ...] = (),
+    world: World = "home",
+    clip: Clip = None,
+    preset: str = "lite",
+    processes: Processes = None,
+    file: File = False,
+    out: Out = None,
+    import_: Import = (),
+) -> None:
+    """Measure a policy over episodes of a task.
 
-    examples: ClassVar[tuple[str, ...]] = (
-        "gem-lite evaluate gem put-block-in-bowl-unseen-colors --checkpoint data/gem-put-block-in-bowl.safetensors",
-        "gem-lite evaluate expert bars-in-box --episodes 2 --world shadows",
+    Prints the mean with its 95 % interval and writes the rows.
+
+    Args:
+        method: name of the method: gem-lite names lists them
+        task: name of the task: gem-lite names lists them
+        checkpoint: checkpoint to load, for a learned method
+        episodes: number of episodes
+        start: index of the first episode in the split
+        skip: indices of episodes to leave out, such as those that the expert does not solve: later ones take their
+            place
+        preset: pixels and angles of a method without a checkpoint: lite or paper
+
+    Examples:
+      gem-lite evaluate gem put-block-in-bowl-unseen-colors --checkpoint data/gem-put-block-in-bowl.safetensors
+      gem-lite evaluate expert bars-in-box --episodes 2 --world shadows
+    """
+    from gem_lite import tasks
+    from gem_lite.evaluation import results
+    from gem_lite.evaluation.evaluate import measure_and_file
+
+    path = results.output(file, out, tasks.family(task))
+    rows = measure_and_file(
+        method, task, path, episodes, split, start, checkpoint, clip, processes, world, preset, skip
     )
+    for row in rows:
+        print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
+    print(f"the rows are in {path}")
 
-    method: Positional[str]
-    """name of the method, see below"""
-    task: Positional[str]
-    """name of the task, see below"""
-    checkpoint: Path | None = None
-    """checkpoint to load, for a learned method"""
-    episodes: int = 100
-    """number of episodes"""
-    start: int = 0
-    """index of the first episode in the split"""
-    split: Split = "test"
-    """split of the episodes"""
-    skip: tuple[int, ...] = ()
-    """indices of episodes to leave out, such as those that the expert does not solve: later ones take their place"""
-    world: str = "home"
-    """looks of the world, see below"""
-    clip: str | None = None
-    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
-    preset: str = "lite"
-    """pixels and angles of a method without a checkpoint: lite or paper"""
-    processes: int | None = None
-    """number of episodes that run at once (without it: one per core)"""
 
-    @override
-    def run(self) -> None:
-        path = results.output(self.file, self.out, tasks.family(self.task))
-        rows = evaluate.measure_and_file(
-            self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
-            self.processes, self.world, self.preset, self.skip,
-        )  # fmt: skip
-        for row in rows:
-            print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
-        print(f"the rows are in {path}")
+def several_tables(
+    checkpoint: Path,
+    /,
+    *,
+    tasks: tuple[str, ...] = ("object-sorting-seen", "object-sorting-unseen"),
+    episodes: int = 100,
+    start: int = 0,
+    split: Split = "test",
+    tables: int = 2,
+    curve: bool = False,
+    world: World = "home",
+    clip: Clip = None,
+    processes: Processes = None,
+    file: File = False,
+    out: Out = None,
+    import_: Import = (),
+) -> None:
+    """Measure a policy over several tables, with their poses from tags and with their true poses.
 
-    @override
-    @classmethod
-    def more_help(cls) -> str:
-        scripted = (
-            f"  {', '.join(evaluate.SCRIPTED)}: need no checkpoint; expert-rounded shows the loss by rounding alone\n"
+    Writes all rows.
+
+    Args:
+        checkpoint: checkpoint of the policy
+        tasks: names of the tasks
+        episodes: number of episodes of each task
+        start: index of the first episode in the split
+        tables: number of tables
+        curve: also measure with added errors of the poses
+
+    Examples:
+      gem-lite several-tables data/gem-object-sorting.safetensors --curve
+      gem-lite several-tables data/gem-object-sorting.safetensors --tasks object-sorting-seen --episodes 2
+    """
+    from gem_lite.evaluation import evaluate_mobile, results
+    from gem_lite.tasks import family
+
+    evaluate_mobile.check(checkpoint, tasks, split, clip, tables)  # all tasks before the first is measured
+    for task in tasks:
+        path = results.output(file, out, family(task))
+        rows, errors = evaluate_mobile.measure_and_file(
+            checkpoint, task, path, curve, episodes, split, start, clip, tables, processes, world
         )
-        return "\n".join([names.method_names() + scripted, names.task_names(), names.world_names()])
+        for row in rows:
+            print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
+        for error in errors:
+            print(error)
+        print(f"the rows are in {path}")

@@ -1,22 +1,22 @@
-"""Lists of names for the help: those of the library and those of imported modules."""
+"""``gem-lite names``: what can be named."""
 
 from __future__ import annotations
 
-from gem_lite import tasks
-from gem_lite.policies import methods
-from gem_lite.simulation import worlds
+from gem_lite.cli.base import Import
 
 
-def task_names() -> str:
-    """Every task, one per line."""
-    return "\n".join(["tasks:", *(f"  {name}" for name in tasks.names()), ""])
+def names(*, import_: Import = ()) -> None:
+    """List the names of tasks, worlds and methods.
 
+    Examples:
+      gem-lite names
+    """
+    from gem_lite import tasks
+    from gem_lite.evaluation.evaluate import SCRIPTED
+    from gem_lite.policies import methods
+    from gem_lite.simulation import worlds
 
-def world_names() -> str:
-    """Every world."""
-    return f"worlds:\n  {', '.join(worlds.names())}\n"
-
-
-def method_names() -> str:
-    """Every learned method, with the meaning of its name."""
-    return methods.help_text() + "\n"
+    print("tasks:", *(f"  {name}" for name in tasks.names()), sep="\n")
+    print("worlds:", *(f"  {name}" for name in worlds.names()), sep="\n")
+    print("methods:", *(f"  {name:48s}{meaning}" for name, meaning in methods.meanings().items()), sep="\n")
+    print(f"  {', '.join(SCRIPTED)}: need no checkpoint; expert-rounded shows the loss by rounding alone")

@@ -2,71 +2,58 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-from typing_extensions import override
-from tyro.conf import Positional
-
-from gem_lite.cli.command import Command
-from gem_lite.evaluation import results
+from gem_lite.files import DATA
 
 
-@dataclass(frozen=True, kw_only=True)
-class List(Command):
-    """Name the files of results, and the methods (or maps) of their rows."""
+def list_(*, folder: Path = DATA / "results") -> None:
+    """Name the files of results, and the methods (or maps) of their rows.
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results list",)
+    Args:
+        folder: folder of the files; results without --file are in runs/results
 
-    folder: Path = results.RESULTS
-    """folder of the files; results without --file are in runs/results"""
+    Examples:
+      gem-lite results list
+    """
+    from gem_lite.evaluation import results
 
-    @override
-    def run(self) -> None:
-        if not self.folder.is_dir():
-            raise FileNotFoundError(f"{self.folder} is no folder of results")
-        for name, path in files_by_name(self.folder).items():
-            rows = results.read_rows(path)
-            names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
-            print(f"{name}: {len(rows)} rows, of {', '.join(names)}")
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder} is no folder of results")
+    for name, path in files_by_name(folder).items():
+        rows = results.read_rows(path)
+        names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
+        print(f"{name}: {len(rows)} rows, of {', '.join(names)}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Show(Command):
-    """Print the rows of a file of results, one per line."""
+def show(name: str, /, *, method: str | None = None, task: str | None = None, world: str | None = None) -> None:
+    """Print the rows of a file of results, one per line.
 
-    examples: ClassVar[tuple[str, ...]] = ("gem-lite results show benchmark/block-insertion --method gem",)
+    Args:
+        name: name of the file, as in `gem-lite results list`, or the path of another file
+        method: only rows of this method (or of this map)
+        task: only rows of this task
+        world: only rows that were measured in this world
 
-    name: Positional[str]
-    """name of the file, as in `gem-lite results list`, or the path of another file"""
-    method: str | None = None
-    """only rows of this method (or of this map)"""
-    task: str | None = None
-    """only rows of this task"""
-    world: str | None = None
-    """only rows that were measured in this world"""
+    Examples:
+      gem-lite results show benchmark/block-insertion --method gem
+    """
+    from gem_lite.evaluation import results
 
-    @override
-    def run(self) -> None:
-        stored = files_by_name(results.RESULTS)
-        path = stored.get(self.name, Path(self.name))
-        if not path.is_file():
-            raise FileNotFoundError(f"there are no results named {self.name!r}; there are: {', '.join(stored)}")
-        rows = [row for row in results.read_rows(path) if self.selects(row)]
-        if not rows:
-            raise ValueError(f"{self.name} has no such row")
-        for row in rows:
-            print(described(row))
-
-    def selects(self, row: dict) -> bool:
-        """Whether a row has the given method, task and world."""
-        method = row.get("method", row.get("map"))
-        return (
-            self.method in (None, method)
-            and self.task in (None, row.get("task"))
-            and self.world in (None, row.get("world"))
-        )
+    stored = files_by_name(results.RESULTS)
+    path = stored.get(name, Path(name))
+    if not path.is_file():
+        raise FileNotFoundError(f"there are no results named {name!r}; there are: {', '.join(stored)}")
+    rows = [
+        row
+        for row in results.read_rows(path)
+        if method in (None, row.get("method", row.get("map")))
+        and task in (None, row.get("task"))
+        and world in (None, row.get("world"))
+    ]
+    if not rows:
+        raise ValueError(f"{name} has no such row")
+    print(*map(described, rows), sep="\n")
 
 
 def files_by_name(folder: Path) -> dict[str, Path]:

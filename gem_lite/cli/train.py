@@ -2,115 +2,127 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
-import tyro
-from typing_extensions import override
-from tyro.conf import FlagConversionOff, Positional
+from cyclopts import Parameter
 
-from gem_lite.cli.command import Command, ImportingCommand, parse_known
-from gem_lite.config import Config
-from gem_lite.learning import train
-from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.cli.base import Clip, Import, continues, examples, make_app
+
+if TYPE_CHECKING:
+    from gem_lite.config import Config
 
 
-@dataclass(frozen=True, kw_only=True)
-class Method:
-    """The options that choose the method's configuration, and their defaults."""
-
-    method: str = "gem"
-    """name of the method, see below"""
-    preset: str = "lite"
-    """the base of the configuration: lite, for two CPU cores, or paper"""
-
-    def find(self) -> tuple[type[PickPlacePolicy], Config]:
-        """The method's class, and its configuration from the preset and the endings of its name.
-
-        Raises:
-            ValueError: the method or the preset is unknown.
-        """
-        return methods.find(self.method, self.preset)
+def choose(*, method: str | None = None, preset: str = "lite", import_: Import = ()) -> tuple[str | None, str]:
+    """The method and the preset of a command line: they decide which other options it may have."""
+    return method, preset
 
 
-@dataclass(frozen=True, kw_only=True)
-class Train(Method, ImportingCommand):
-    """Train a method from demonstrations. A stopped training continues.
+def train(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
+    """Read the options that choose the configuration, then all of them. For a help, torch is loaded on demand alone."""
+    chooser = make_app("gem-lite train", None, help_flags=())
+    chooser.default(choose)
+    _, chosen, *_ = chooser.parse_known_args(words)
+    method, preset = choose(**chosen.arguments)
+    if method or not {"-h", "--help"} & set(words):
+        from gem_lite.policies import methods
 
-    With several processes (`accelerate launch --num_processes 4 -m gem_lite.cli train ...`), each draws its own batch.
+        _, config = methods.find(method or "gem", preset)
+        start.__annotations__["config"] = options(config) | None
+    else:
+        start.__annotations__["config"] = Annotated[None, Parameter(show=False)]
+    app = make_app("gem-lite train", None, help_epilogue=examples(start))
+    app.default(start)
+    app(words)
+
+
+APP = make_app("train", "Train a method from demonstrations.", help_flags=())
+APP.default(train)
+
+
+def options(config: Config) -> type:
+    """A dataclass of a configuration's entries, whose defaults are the configuration's values."""
+    hints = get_type_hints(type(config))
+    fields = [
+        # As a choice, a switch has a value on the command line: its default may be True.
+        (one.name, Literal[True, False] if hints[one.name] is bool else hints[one.name], getattr(config, one.name))
+        for one in dataclasses.fields(config)
+    ]
+    own = {"__doc__": type(config).__doc__, "__module__": __name__}
+    return dataclasses.make_dataclass("Options", fields, namespace=own)
+
+
+def start(
+    demonstrations: Path,
+    checkpoint: Path,
+    /,
+    *,
+    method: str = "gem",
+    preset: str = "lite",
+    episodes: int | None = None,
+    seed: int = 0,
+    clip: Clip = None,
+    device: Literal["cpu", "cuda"] = "cpu",
+    state: Path | None = None,
+    prepared: Path | None = None,
+    also: tuple[Path, ...] = (),
+    import_: Import = (),
+    config: Any = None,  # noqa: ANN401 (`train` sets its type)
+) -> None:
+    """Train a method from demonstrations.
+
+    A stopped training continues. With several processes (`accelerate launch
+    --num_processes 4 -m gem_lite.cli train ...`), each draws its own batch.
+
+    --config.NAME VALUE sets a value of the method's configuration:
+    `gem-lite train --method gem --help` lists them. The task sets the table's
+    length; --config.rectangle x_min x_max y_min y_max (m) is for a table of
+    your own.
+
+    Args:
+        demonstrations: folder made by `gem-lite collect`, or with your own recorded episodes (docs/your_table.md)
+        checkpoint: safetensors file to write
+        method: name of the method: gem-lite names lists them
+        preset: the base of the configuration: lite, for two CPU cores, or paper
+        episodes: number of demonstrations to use, from the first (without it: all)
+        seed: seed of the weights and of the batches
+        device: device of the training
+        state: folder for the state to resume from (without it: runs/<name of the checkpoint>-<hash of its path>)
+        prepared: cache of prepared steps that trainings share; it may be deleted when none runs (without it: kept in
+            --state)
+        also: more folders, of other tasks: one policy for all of them (--method gem-multi)
+
+    Examples:
+      gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors
+      gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/short.safetensors --config.steps 300
+      gem-lite train data/foreign-demos runs/mine.safetensors --config.rectangle 0.25 0.75 -0.5 0.5
     """
+    from gem_lite.learning import train
+    from gem_lite.policies import methods
 
-    examples: ClassVar[tuple[str, ...]] = (
-        "gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors",
-        "gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/short.safetensors --config.steps 300",
-        "gem-lite train data/foreign-demos runs/mine.safetensors --config.rectangle 0.25 0.75 -0.5 0.5",
-    )
-    failures: ClassVar[tuple[type[Exception], ...]] = (*Command.failures, FloatingPointError)
-
-    demonstrations: Positional[Path]
-    """folder made by `gem-lite collect`, or with your own recorded episodes (docs/your_table.md)"""
-    checkpoint: Positional[Path]
-    """safetensors file to write"""
-    episodes: int | None = None
-    """number of demonstrations to use, from the first (without it: all)"""
-    seed: int = 0
-    """seed of the weights and of the batches"""
-    clip: str | None = None
-    """Hugging Face name or folder of a CLIP (without it: the embedded one)"""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """device of the training"""
-    state: Path | None = None
-    """folder for the state to resume from (without it: runs/<name of the checkpoint>-<hash of its path>)"""
-    prepared: Path | None = None
-    """cache of prepared steps that trainings share; it may be deleted when none runs (without it: kept in --state)"""
-    also: tuple[Path, ...] = ()
-    """more folders, of other tasks: one policy for all of them (--method gem-multi)"""
-    config: Annotated[Config, FlagConversionOff]
-    """The values of the method's configuration; the defaults are the preset's. The task sets the table's length;
-    --config.rectangle x_min x_max y_min y_max (m) is for a table of your own."""
-
-    @override
-    @classmethod
-    def defaults(cls, words: Sequence[str]) -> Self:
-        chosen = parse_known(Method, words)
-        return cls(
-            demonstrations=tyro.MISSING, checkpoint=tyro.MISSING, method=chosen.method, preset=chosen.preset,
-            config=chosen.find()[1],
-        )  # fmt: skip
-
-    @override
-    def run(self) -> None:
-        method, preset = self.find()
-        if self.config.table != preset.table:
+    kind, values = methods.find(method, preset)
+    if config is not None:
+        changed = type(values)(**vars(config))
+        if changed.table != values.table:
             raise ValueError("--config.table must be left out: the task of the demonstrations sets it")
+        values = changed
+    state = state or state_folder(checkpoint)
+    with continues(f"the last state in {state}"):
         card = train.train_from_folder(
-            self.demonstrations, self.checkpoint, method, self.config, self._state, self.seed, self.episodes,
-            self.clip, self.device, self.also, self.prepared,
-        )  # fmt: skip
-        if card:
-            print(
-                f"wrote {self.checkpoint} after {card['train_seconds']:.0f} s of training {card['method']} "
-                f"on {card['demos']} demonstrations"
-            )
+            demonstrations, checkpoint, kind, values, state, seed, episodes, clip, device, also, prepared
+        )
+    if card:
+        print(
+            f"wrote {checkpoint} after {card['train_seconds']:.0f} s of training {card['method']} "
+            f"on {card['demos']} demonstrations"
+        )
 
-    @override
-    def stop_message(self) -> str:
-        return f"stopped; the same command goes on from the last state in {self._state}"
 
-    @property
-    def _state(self) -> Path:
-        if self.state:
-            return self.state
-        # Relative to the working folder, as runs/ itself: both may move together. Two checkpoints may have one name.
-        path = os.path.relpath(self.checkpoint.resolve(), Path.cwd())
-        return Path("runs") / f"{self.checkpoint.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"
-
-    @override
-    @classmethod
-    def more_help(cls) -> str:
-        return methods.help_text() + "\n"
+def state_folder(checkpoint: Path) -> Path:
+    """The folder for a training's state: another one for each path of a checkpoint."""
+    # Relative to the working folder, as runs/ itself: both may move together. Two checkpoints may have one name.
+    path = os.path.relpath(checkpoint.resolve(), Path.cwd())
+    return Path("runs") / f"{checkpoint.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"

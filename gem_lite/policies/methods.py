@@ -43,11 +43,6 @@ def meanings() -> dict[str, str]:
     return plain | ablated
 
 
-def help_text() -> str:
-    """`meanings` as the end of a command line's help."""
-    return "methods:\n" + "\n".join(f"  {name:48s}{meaning}" for name, meaning in meanings().items())
-
-
 def split(name: str) -> tuple[str, tuple[str, ...]]:
     """A name without its endings, and the endings in the order of the method's `Config.ABLATIONS`.
 

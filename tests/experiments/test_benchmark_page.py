@@ -6,8 +6,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pytest
 
+from experiments.benchmark import __main__ as commands
 from experiments.benchmark import page, scaling
-from experiments.benchmark.__main__ import main
 from gem_lite.evaluation import results
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ def test_every_interval_of_a_page_is_that_of_a_row(path):
 def test_the_tables_of_the_page_are_those_of_the_rows(tmp_path):
     copy = tmp_path / "results.md"
     copy.write_text(PAGE.replace("100.0 [92.9, 100.0]", "stale"))
-    main(["page", str(copy)])
+    commands.page(copy)
     assert copy.read_text() == PAGE, "run: python -m experiments.benchmark page docs/results.md"
     rows = results.stored_rows()
     one_table = PAGE[PAGE.index("<!-- ablations -->") : PAGE.index("<!-- end of ablations -->")]

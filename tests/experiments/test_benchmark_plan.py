@@ -11,8 +11,8 @@ import filelock
 import pytest
 import yaml
 
+from experiments.benchmark import __main__ as commands
 from experiments.benchmark import checks, page, plan, tables
-from experiments.benchmark.__main__ import main
 from experiments.benchmark.plan import OURS, Cell, Plan, Training
 from gem_lite import clip, tasks
 from gem_lite.evaluation import results, summaries
@@ -149,32 +149,32 @@ def test_measured_rows_are_filed_by_their_task(whole, empty, tmp_path):
     cells = [cell for cell in whole.tier("must") if cell.training.tasks == (BOWL,) and cell.method == "gem"]
     measured = tmp_path / "measured.jsonl"
     measured.write_text("".join(json.dumps(row_of(cell)) + "\n" for cell in cells))
-    main(["file", str(measured)])
+    commands.file(measured)
     assert {cell.row()["task"] for cell in cells} == {BOWL, UNSEEN_BOWL}
     measured.write_text(json.dumps(row_of(cells[0], episodes=40)))
     for wrong, said in ((measured, "holds a row over 50 episodes"), (tmp_path / "none", "holds no rows")):
-        with pytest.raises(SystemExit, match=said):
-            main(["file", str(wrong)])
+        with pytest.raises(ValueError, match=said):
+            commands.file(wrong)
 
 
 def test_the_best_trial_and_what_the_expert_does_not_solve_are_printed(whole, empty, capsys):
-    with pytest.raises(SystemExit, match="is not measured yet"):
-        main(["settings"])
+    with pytest.raises(ValueError, match="is not measured yet"):
+        commands.settings()
     for cell in whole.search():
         file_row(cell, cell.training.steps / 100 + 1000 * cell.training.learning_rate)
-    with pytest.raises(SystemExit, match="the expert's row on align-rope is not measured yet"):
-        main(["settings"])
+    with pytest.raises(ValueError, match="the expert's row on align-rope is not measured yet"):
+        commands.settings()
     rewards = {"0": 1.0, "11": 0.98, "2": 0.5, "3": 0.9951}
     for cell in whole.tier("experts"):
         file_row(cell, rewards=rewards if cell.task == BOWL else {"0": 1.0})
-    main(["settings"])
+    commands.settings()
     printed = yaml.safe_load(capsys.readouterr().out)
     assert printed["settings"]["gem"] == {"steps": 2000, "learning_rate": 0.001}
     assert printed["skipped"] == {BOWL: [2, 11]}
 
 
 def test_the_plan_has_what_the_rows_decide(capsys):
-    main(["settings"])
+    commands.settings()
     printed = yaml.safe_load(capsys.readouterr().out)
     assert {name: CONTENT[name] for name in printed} == printed
     for task, left_out in printed["skipped"].items():
@@ -200,8 +200,8 @@ def test_a_row_of_another_world_has_no_place_in_a_table(whole):
 
 def test_the_tables_hold_every_row_of_test_episodes(whole, empty, tmp_path):
     out = tmp_path / "out"
-    with pytest.raises(SystemExit, match="no rows are filed"):
-        main(["tables", str(out)])
+    with pytest.raises(ValueError, match="no rows are filed"):
+        commands.tables(out)
     for number, cell in enumerate(whole.tier("experts")):
         file_row(cell, float(number))
     for cell in whole.search()[:3]:
@@ -211,7 +211,7 @@ def test_the_tables_hold_every_row_of_test_episodes(whole, empty, tmp_path):
     text = tables.markdown(table, tasks.PAPER)
     assert text.count("\n") == 2 + 18 + 1
     assert "| 0.0 [-5.0, 5.0] |" in text and "| **mean of the 18** | " in text
-    main(["tables", str(out)])
+    commands.tables(out)
     assert (out / "ceilings.md").read_text().count("\n") == 2 + 21 + 1
     assert (out / "ceilings.png").stat().st_size > 10_000
     with pytest.raises(ValueError, match="rows must differ"):
