@@ -19,7 +19,7 @@ from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, Sce
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip, colors, tasks
 from gem_lite.clip import calibration
-from gem_lite.learning import calibrating
+from gem_lite.evaluation import calibrating
 from gem_lite.maps import patches, semantic_map
 from gem_lite.se2 import Workspace
 

@@ -81,7 +81,7 @@ class Calibrate(Command):
     def run(self) -> None:
         from gem_lite import clip
         from gem_lite.clip import calibration
-        from gem_lite.learning import calibrating
+        from gem_lite.evaluation import calibrating
 
         model = clip.load(self.clip)
         numbers = calibrating.calibrate(model, calibrating.rendered_scenes())

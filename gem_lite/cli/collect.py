@@ -12,7 +12,7 @@ from tyro.conf import Positional
 from gem_lite.cli import names
 from gem_lite.cli.command import Command, ImportingCommand
 from gem_lite.cli.verify import summary
-from gem_lite.learning import collecting
+from gem_lite.evaluation import collecting
 from gem_lite.tasks import Split
 
 

@@ -13,6 +13,8 @@ from gem_lite import tasks
 from gem_lite.cli import names
 from gem_lite.cli.command import MeasuringCommand
 from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation.actors import SCRIPTED
+from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.tasks import Split
 
 
@@ -51,10 +53,11 @@ class Evaluate(MeasuringCommand):
     @override
     def run(self) -> None:
         path = results.output(self.file, self.out, tasks.family(self.task))
-        rows = evaluate.measure_and_file(
-            self.method, self.task, path, self.episodes, self.split, self.start, self.checkpoint, self.clip,
-            self.processes, self.world, self.preset, self.skip,
+        measurement = Measurement(
+            self.method, self.task, self.episodes, self.split, self.start, self.checkpoint, self.clip, self.world,
+            self.preset, self.skip,
         )  # fmt: skip
+        rows, _ = evaluate.measure_and_file(measurement, path, self.processes)
         for row in rows:
             print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
         print(f"the rows are in {path}")
@@ -62,7 +65,5 @@ class Evaluate(MeasuringCommand):
     @override
     @classmethod
     def more_help(cls) -> str:
-        scripted = (
-            f"  {', '.join(evaluate.SCRIPTED)}: need no checkpoint; expert-rounded shows the loss by rounding alone\n"
-        )
+        scripted = f"  {', '.join(SCRIPTED)}: need no checkpoint; expert-rounded shows the loss by rounding alone\n"
         return "\n".join([names.method_names() + scripted, names.task_names(), names.world_names()])

@@ -12,7 +12,9 @@ from tyro.conf import Positional
 from gem_lite import tasks
 from gem_lite.cli import names
 from gem_lite.cli.command import MeasuringCommand
-from gem_lite.evaluation import evaluate_mobile, results
+from gem_lite.evaluation import evaluate, results, table_poses
+from gem_lite.evaluation.evaluate import Measurement
+from gem_lite.policies.checkpoints import read_card
 from gem_lite.tasks import Split
 
 
@@ -27,7 +29,7 @@ class SeveralTables(MeasuringCommand):
 
     checkpoint: Positional[Path]
     """checkpoint of the policy"""
-    tasks: tuple[str, ...] = evaluate_mobile.TASKS
+    tasks: tuple[str, ...] = table_poses.TASKS
     """names of the tasks"""
     episodes: int = 100
     """number of episodes of each task"""
@@ -48,14 +50,21 @@ class SeveralTables(MeasuringCommand):
 
     @override
     def run(self) -> None:
-        # All tasks before the first is measured.
-        evaluate_mobile.check(self.checkpoint, self.tasks, self.split, self.clip, self.tables)
-        for task in self.tasks:
+        conditions = (*table_poses.BOTH, *(table_poses.CURVE if self.curve else ()))
+        method = read_card(self.checkpoint)["method"]
+        measurements = [
+            Measurement(
+                method, task, self.episodes, self.split, self.start, self.checkpoint, self.clip, self.world,
+                tables=self.tables, conditions=conditions,
+            )
+            for task in self.tasks
+        ]  # fmt: skip
+        for measurement in measurements:  # All tasks before the first is measured.
+            measurement.check()
+        for measurement in measurements:
+            task = measurement.task
             path = results.output(self.file, self.out, tasks.family(task))
-            rows, errors = evaluate_mobile.measure_and_file(
-                self.checkpoint, task, path, self.curve, self.episodes, self.split, self.start, self.clip, self.tables,
-                self.processes, self.world,
-            )  # fmt: skip
+            rows, errors = evaluate.measure_and_file(measurement, path, self.processes)
             for row in rows:
                 print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
             for error in errors:

@@ -18,7 +18,7 @@ from typing import Any
 
 from gem_lite import clip, tasks
 from gem_lite.config import MULTI_TASK, Config
-from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation import actors, results
 from gem_lite.policies import methods
 from gem_lite.simulation.task import SOLVED
 from gem_lite.simulation.worlds import HOME
@@ -265,7 +265,7 @@ class Plan:
         wanted = wanted or tuple(group["tasks"])
         episodes = group.get("episodes", 50)
         for method in group["methods"]:
-            if method in evaluate.SCRIPTED:
+            if method in actors.SCRIPTED:
                 for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
                     # The expert itself decides which episodes are skipped.
                     skipped = () if method == "expert" else self.skipped.get(task, ())
