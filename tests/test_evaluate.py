@@ -59,9 +59,9 @@ def test_a_learned_method_needs_its_own_checkpoint():
         evaluate.evaluate(Measurement("cliport", TASK, 1))
     shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
     with pytest.raises(ValueError, match="holds gem, not gem-without-parsing"):
-        actors.make_actor("gem-without-parsing", LITE, shipped, None, seed=0)
+        Measurement("gem-without-parsing", TASK, checkpoint=shipped).check()
     with pytest.raises(ValueError, match=r"method must be one of gem, .*without a checkpoint: expert, expert-rounded"):
-        actors.make_actor("gem-without-a-clue", LITE, shipped, None, seed=0)
+        Measurement("gem-without-a-clue", TASK, checkpoint=shipped).check()
 
 
 def test_a_world_is_chosen_by_its_name(monkeypatch):
@@ -203,7 +203,7 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
 
 def test_a_checkpoint_for_another_table_is_refused():
     checkpoint = clip.DATA / "gem-object-sorting.safetensors"
-    with pytest.raises(ValueError, match=r"a table .* y -0.530 to 0.530 m; the task's is .* y -0.500 to 0.500 m"):
+    with pytest.raises(ValueError, match=r"a table .* y -0.530 to 0.530 m; that of put-block.* y -0.500 to 0.500 m"):
         evaluate.evaluate(Measurement("gem", TASK, 1, checkpoint=checkpoint))
 
 

@@ -9,7 +9,6 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
-from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
@@ -101,18 +100,6 @@ def test_kernels_of_another_count_are_refused():
 
 
 # Stitch and split
-
-
-def test_split_undoes_stitch():
-    maps = torch.randn(4, 6, 10, 8, generator=torch.Generator().manual_seed(0))
-    panorama = several_tables.stitch(maps)
-    assert panorama.shape == (6, 10, 32)
-    for number in range(0, panorama.numel(), 97):
-        cell = np.unravel_index(number, panorama.shape)
-        table, (angle, row, col) = several_tables.split(cell, 8)
-        assert maps[table, angle, row, col] == panorama[cell]
-    table, cell = several_tables.split(np.unravel_index(int(panorama.argmax()), panorama.shape), 8)
-    assert maps[(table, *cell)] == maps.max()
 
 
 def test_stitched_logits_are_those_of_each_table_alone(policy, observations):

@@ -1,21 +1,17 @@
-"""Who plays an episode: the expert, its rounded actions, chance, or a policy; by name, for `evaluate`."""
+"""Who plays an episode: the expert, the expert with rounded actions, chance, or a policy."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from gem_lite import clip
 from gem_lite.actions import Action, ExpertAction, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.evaluation.rollout import Actor, Decision, Observations
-from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.checkpoints import load_policy, read_card
-from gem_lite.se2 import Pose2, Workspace, angle_bins
+from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation.environment import Environment
 
 LITE = Config.preset("lite")
@@ -80,56 +76,3 @@ def policy_actor(policy: PickPlacePolicy) -> Actor:
         return policy.decide(observations[0], sentence, empty_picks)
 
     return actor
-
-
-def make_actor(
-    method: str, settings: Config, checkpoint: Path | None, clip_name: str | None, seed: int,
-    several_tables: bool = False,
-) -> Actor:  # fmt: skip
-    """The actor of a method's name: one of `SCRIPTED`, or a learned one from its checkpoint.
-
-    Args:
-        settings: the configuration of a scripted method, on the task's table.
-        seed: of the method "random".
-        several_tables: whether it must choose over several tables.
-
-    Raises:
-        ValueError: an unknown method, a checkpoint that is not the method's or of another table, or a method that
-            cannot choose over several tables.
-        FileNotFoundError: no such checkpoint.
-    """
-    match method:
-        case "expert":
-            return expert
-        case "expert-rounded":
-            return rounded_expert(settings)
-        case "random":
-            return random_actor(settings, seed)
-    try:
-        method = methods.canonical(method)
-    except ValueError as error:
-        raise ValueError(f"{error}; without a checkpoint: {', '.join(SCRIPTED)}") from error
-    acting = acting_config(checkpoint, method)
-    policy = load_policy(checkpoint, clip.load(clip_name))
-    policy.act_as(acting)
-    trained, asked = (_limits(config.workspace) for config in (policy.config, settings))
-    if trained != asked:
-        raise ValueError(f"the checkpoint {checkpoint} was trained for a table {trained}; the task's is {asked}")
-    if several_tables:
-        policy.check_tables()
-    return policy_actor(policy)
-
-
-def acting_config(checkpoint: Path | None, method: str) -> Config:
-    """The configuration by which a checkpoint acts as a method. Raises ValueError if it cannot, or is missing."""
-    if checkpoint is None:
-        raise ValueError(f"{method} needs --checkpoint")
-    try:
-        return methods.acting_as(read_card(checkpoint), method)[1]
-    except ValueError as error:
-        raise ValueError(f"{checkpoint}: {error}") from error
-
-
-def _limits(workspace: Workspace) -> str:
-    """The limits of a table in words."""
-    return f"x {workspace.x_min:.3f} to {workspace.x_max:.3f} m, y {workspace.y_min:.3f} to {workspace.y_max:.3f} m"

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from gem_lite import tasks
+from gem_lite import clip, tasks
 from gem_lite.config import Config
-from gem_lite.evaluation import results, table_poses, workers
-from gem_lite.evaluation.actors import LITE, SCRIPTED, acting_config, make_actor
+from gem_lite.evaluation import actors, results, table_poses, workers
+from gem_lite.evaluation.actors import LITE, SCRIPTED
 from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.rollout import Actor, Decision, Observations, rollout
 from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies import methods
-from gem_lite.policies.checkpoints import read_card
-from gem_lite.se2 import Pose2
+from gem_lite.policies.checkpoints import load_policy, read_card
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import worlds
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
@@ -68,32 +68,69 @@ class Measurement:
         """The episodes' indices, in a list for each process. Raises ValueError if there is no episode."""
         return workers.chunks(self.start, self.episodes, self.skip)
 
+    @property
+    def acting_config(self) -> Config:
+        """The configuration by which a learned method acts. Raises ValueError if the checkpoint cannot act so."""
+        method = methods.canonical(self.method)
+        if self.checkpoint is None:
+            raise ValueError(f"{method} needs --checkpoint")
+        try:
+            return methods.acting_as(read_card(self.checkpoint), method)[1]
+        except ValueError as error:
+            raise ValueError(f"{self.checkpoint}: {error}") from error
+
     def actor(self, seed: int) -> Actor:
-        """The method as an actor, see `make_actor`."""
-        return make_actor(
-            self.method, self.settings, self.checkpoint, self.clip_name, seed, several_tables=bool(self.conditions)
-        )
+        """The method as an actor; ``seed`` is that of "random". Raises the errors of `check`."""
+        match self.method:
+            case "expert":
+                return actors.expert
+            case "expert-rounded":
+                return actors.rounded_expert(self.settings)
+            case "random":
+                return actors.random_actor(self.settings, seed)
+        try:
+            methods.canonical(self.method)
+        except ValueError as error:
+            raise ValueError(f"{error}; without a checkpoint: {', '.join(SCRIPTED)}") from error
+        acting = self.acting_config
+        policy = load_policy(self.checkpoint, clip.load(self.clip_name))
+        policy.act_as(acting)
+        trained, asked = (_limits(one.workspace) for one in (acting, tasks.make(self.task, self.split)))
+        if trained != asked:
+            raise ValueError(
+                f"the checkpoint {self.checkpoint} was trained for a table {trained}; that of {self.task} is {asked}"
+            )
+        if self.conditions:
+            policy.check_tables()
+        return actors.policy_actor(policy)
 
     def check(self) -> None:
         """Check that the episodes can be played.
 
         Raises:
             ValueError: an unknown method, task, split, world or preset; no episode; a checkpoint that is not the
-                method's, was trained for another table, or has a preset of its own; a task or a method that is not for
-                several tables, where no episode is skipped.
+                method's, was trained for another table, or has a preset of its own; for several tables no table, an
+                episode to skip, a task without several tables, or a method that cannot choose over them.
             FileNotFoundError: no such checkpoint.
         """
+        _ = self.parts, worlds.style(self.world)
         if self.conditions:
-            table_poses.check(self.task, self.tables)
+            if self.tables < 1:
+                raise ValueError(f"tables must be at least 1, got {self.tables}")
             if self.skip:
-                raise ValueError(f"skip must be empty over several tables, got {self.skip}")
-        _ = self.parts
-        worlds.style(self.world)
+                raise ValueError(f"skip must be empty for several tables, got {self.skip}")
+            if self.task not in table_poses.TASKS:
+                raise ValueError(f"task must be one of {', '.join(table_poses.TASKS)}, got {self.task!r}")
         if self.checkpoint is not None and Config.preset(self.preset) != LITE:
             raise ValueError(
                 f"preset must be left out, because the checkpoint {self.checkpoint} has its own, got {self.preset!r}"
             )
         self.actor(self.start)
+
+
+def _limits(workspace: Workspace) -> str:
+    """The limits of a table in words."""
+    return f"x {workspace.x_min:.3f} to {workspace.x_max:.3f} m, y {workspace.y_min:.3f} to {workspace.y_max:.3f} m"
 
 
 @dataclass(frozen=True)
@@ -226,20 +263,16 @@ def measure_and_file(
         identity = results.IDENTITY
         facts["skipped"] = sorted(index for index in m.skip if m.start <= index < last)
         kinds = [{"subset": "all"}]
-    method, policy_facts = _name_and_facts(m)
-    facts |= policy_facts
+    method = m.method
+    if method in SCRIPTED:
+        facts |= results.facts_of(None, None if method == "expert" else m.settings)
+    else:
+        method = methods.canonical(method)
+        config = m.acting_config
+        facts |= results.facts_of(read_card(m.checkpoint), config)
     names = {"method": method, "task": m.task, "episodes": m.episodes, **facts}
     results.check_rows([names | kind for kind in kinds], path, identity)  # Before hours of measuring, not after them.
     episodes = evaluate(m, processes)
     rows = rows_of(method, m.task, episodes, facts)
     results.file_rows(rows, path, identity)
     return rows, [f"episode {episode.index}: {episode.error}" for episode in episodes if episode.error]
-
-
-def _name_and_facts(m: Measurement) -> tuple[str, dict]:
-    """The method's name as results hold it, and the entries of a row that describe its policy."""
-    if m.method in SCRIPTED:
-        return m.method, results.facts_of(None, None if m.method == "expert" else m.settings)
-    method = methods.canonical(m.method)
-    config = acting_config(m.checkpoint, method)
-    return method, results.facts_of(read_card(m.checkpoint), config)

@@ -30,7 +30,6 @@ class Turn:
         observations: one for each table, before the action.
         instruction: the sentence before the action.
         decision: what the actor returned.
-        action: the action in it.
         placed: the ids of the bodies that lay at their targets before the action (`Task.placed`).
         picked: the id of the body that lay topmost at the pick before the action, -1 for none; None for a push.
         result: what the action changed, with its reward and whether the episode is over.
@@ -40,7 +39,6 @@ class Turn:
     observations: Observations
     instruction: str
     decision: Decision
-    action: Action
     placed: set[int]
     picked: int | None
     result: Step
@@ -77,6 +75,6 @@ def rollout(
             result = Step((), 0.0, True, None, ())
         if isinstance(action, PickPlace):
             empty_picks = [] if result.grasped else [*empty_picks, action.pick]
-        yield Turn(observations, instruction, decision, action, placed, picked, result, error)
+        yield Turn(observations, instruction, decision, placed, picked, result, error)
         observations = result.observations
         done = result.done

@@ -56,18 +56,6 @@ CURVE = (
 """Injected errors of the success curve."""
 
 
-def check(task_name: str, tables: int) -> None:
-    """Check that a task can be measured over several tables.
-
-    Raises:
-        ValueError: the task is not one of `TASKS`, or there is no table.
-    """
-    if tables < 1:
-        raise ValueError(f"tables must be at least 1, got {tables}")
-    if task_name not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task_name!r}")
-
-
 def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
     """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
 

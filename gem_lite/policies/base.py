@@ -252,16 +252,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     def decide(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Choice:
         """As `act`, with the logits from which the action was read."""
-        queries = self.read(instruction)
-        scene = self.embed(observation.views)
-        inputs, details = self.explained_inputs(scene, queries)
-        gates = self.gates(observation.views, inputs, queries)
-        choice = self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks, gates)
-        return self.choice(**vars(choice), **details)
-
-    def explained_inputs(self, scene: SceneT, queries: Queries) -> tuple[Inputs, dict[str, Any]]:
-        """The `inputs`, and the entries that `choice` has besides those of `Choice`."""
-        return self.inputs(scene, queries), {}
+        chosen, (details,) = self._decide([observation], instruction, empty_picks)
+        return self.choice(**vars(chosen.first()), **details)
 
     def decide_over(
         self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2] = ()
@@ -274,12 +266,21 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
         self.check_tables()
         if not observations:
             raise ValueError("observations is empty: there must be one for each table")
+        return self._decide(observations, instruction, empty_picks)[0]
+
+    def _decide(
+        self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2]
+    ) -> tuple[TablesChoice, Sequence[dict[str, Any]]]:
         queries = self.read(instruction)
         scenes = [self.embed(observation.views) for observation in observations]
-        inputs = [self.inputs(scene, queries) for scene in scenes]
+        inputs, details = zip(*(self.explained_inputs(scene, queries) for scene in scenes), strict=True)
         gates = [self.gates(one.views, of, queries) for one, of in zip(observations, inputs, strict=True)]
         heightmaps = [scene.heightmap for scene in scenes]
-        return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates)
+        return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates), details
+
+    def explained_inputs(self, scene: SceneT, queries: Queries) -> tuple[Inputs, dict[str, Any]]:
+        """The `inputs`, and the entries that `choice` has besides those of `Choice`."""
+        return self.inputs(scene, queries), {}
 
     def check_tables(self) -> None:
         """Check that the method can choose over several tables. Raises ValueError if it cannot."""

@@ -29,15 +29,11 @@ THING = 0.3
 
 @dataclass(frozen=True)
 class Gate:
-    """A semantic map and the heights (m) below it, (H, W), that restrict where a policy acts. No network reads them."""
+    """A semantic map and the heights (m) below it, (H, W), that restrict where a policy acts (`near_peak`). No network reads them."""
 
     semantic: torch.Tensor
     height: torch.Tensor
     config: MapConfig
-
-    def cells(self, allowed: torch.Tensor) -> torch.Tensor:
-        """The ``allowed`` cells (H, W) that are left, see `near_peak`."""
-        return near_peak(self.semantic, self.height, allowed, self.config)
 
 
 def near_peak(
