@@ -29,7 +29,7 @@ THING = 0.3
 
 @dataclass(frozen=True)
 class Gate:
-    """A semantic map and the heights (m) below it, (H, W), that restrict where a policy acts (`near_peak`). No network reads them."""
+    """A semantic map and the heights (m) below it, (H, W), for `near_peak`. No network reads them."""
 
     semantic: torch.Tensor
     height: torch.Tensor
