@@ -16,7 +16,7 @@ import pytest  # noqa: E402
 from nbval.plugin import IPyNbCell  # noqa: E402
 
 from gem_lite import registry  # noqa: E402
-from gem_lite.learning import collecting  # noqa: E402
+from gem_lite.evaluation import collecting  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
 from gem_lite.tasks import Task  # noqa: E402
 

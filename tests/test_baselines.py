@@ -11,10 +11,9 @@ from gem_lite.learning import train
 from gem_lite.learning.train import make_batch
 from gem_lite.maps import locations
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.networks import parameter_count
-from gem_lite.policies.samples import Inputs
+from gem_lite.policies.samples import Inputs, numbered_steps
 from gem_lite.policies.transporter import turned_crops
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins

@@ -12,8 +12,8 @@ import pytest
 from gem_lite import clip
 from gem_lite.cli import APP, base, main
 from gem_lite.clip import calibration
-from gem_lite.evaluation import results
-from gem_lite.learning import collecting, train
+from gem_lite.evaluation import collecting, results
+from gem_lite.learning import train
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import GemConfig

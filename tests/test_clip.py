@@ -15,7 +15,7 @@ from transformers import CLIPConfig, CLIPModel
 from experiments.clip_tabletop import pretrain
 from gem_lite import clip, colors, tasks
 from gem_lite.clip import calibration
-from gem_lite.learning import calibrating
+from gem_lite.evaluation import calibrating
 from gem_lite.maps import patches, semantic_map
 
 

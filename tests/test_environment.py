@@ -4,7 +4,7 @@ import pytest
 
 from gem_lite import tasks
 from gem_lite.actions import PickPlace
-from gem_lite.evaluation import evaluate
+from gem_lite.evaluation import actors, evaluate
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import driving
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
@@ -36,7 +36,7 @@ def test_reset_observe_and_step_give_one_observation_a_table(environment):
 @pytest.mark.parametrize("name", ["object-sorting-unseen", "bars-in-box"])
 def test_one_loop_plays_an_episode_in_any_environment(environment, name, monkeypatch):
     monkeypatch.setattr(type(environment), "observe", lambda self: (None,) * len(self.tables))
-    assert evaluate.run_episode(environment, evaluate.expert, name, "val", 1).reward == 1.0
+    assert evaluate.run_episode(environment, actors.expert, name, "val", 1).reward == 1.0
 
 
 def test_an_action_on_a_table_that_is_not_there_is_refused(environment):

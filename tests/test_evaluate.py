@@ -6,7 +6,8 @@ import pytest
 from gem_lite import clip, colors, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.cli import main
-from gem_lite.evaluation import evaluate, results, workers
+from gem_lite.evaluation import actors, evaluate, results, workers
+from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.evaluation.results import Episode
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
@@ -19,15 +20,15 @@ TASK = "put-block-in-bowl-seen-colors"
 
 
 def test_rounding_to_pixels_and_angles_keeps_the_expert_perfect(world):
-    actor = evaluate.rounded_expert(LITE)
+    actor = actors.rounded_expert(LITE)
     for index in range(3):
         assert evaluate.run_episode(world, actor, TASK, "test", index).reward == pytest.approx(1.0)
 
 
 def test_rounding_is_at_most_half_a_pixel_and_half_a_bin(world):
     observation = world.reset(tasks.make(TASK, "val"), tasks.episode_seed("val", 1))
-    exact = evaluate.expert(world, observation)
-    rounded = evaluate.rounded_expert(LITE)(world, observation)
+    exact = actors.expert(world, observation).action
+    rounded = actors.rounded_expert(LITE)(world, observation)
     assert exact != rounded
     for one, two in ((exact.pick, rounded.pick), (exact.place, rounded.place)):
         assert max(abs(one.x - two.x), abs(one.y - two.y)) <= LITE.pixel / 2 + 1e-9
@@ -37,30 +38,30 @@ def test_rounding_is_at_most_half_a_pixel_and_half_a_bin(world):
 
 def test_random_actor_scores_little_and_repeats(world):
     def play(seed):
-        return [evaluate.run_episode(world, evaluate.random_actor(LITE, seed), TASK, "val", i).reward for i in range(3)]
+        return [evaluate.run_episode(world, actors.random_actor(LITE, seed), TASK, "val", i).reward for i in range(3)]
 
     assert np.mean(play(0)) <= 1 / 3
-    actions = [evaluate.random_actor(LITE, seed)(world, None) for seed in (1, 1, 2)]
+    actions = [actors.random_actor(LITE, seed)(world, None) for seed in (1, 1, 2)]
     assert actions[0] == actions[1] != actions[2]
 
 
 def test_unknown_method_task_and_count_are_named():
     with pytest.raises(ValueError, match="method must be"):
-        evaluate.evaluate("oracle", TASK, 1)
+        evaluate.evaluate(Measurement("oracle", TASK, 1))
     with pytest.raises(ValueError, match="put-block-in-bowl-seen-colors"):
-        evaluate.evaluate("expert", "put-blocks-in-bowl", 1)
+        evaluate.evaluate(Measurement("expert", "put-blocks-in-bowl", 1))
     with pytest.raises(ValueError, match="episodes"):
-        evaluate.evaluate("expert", TASK, 0)
+        evaluate.evaluate(Measurement("expert", TASK, 0))
 
 
 def test_a_learned_method_needs_its_own_checkpoint():
     with pytest.raises(ValueError, match="cliport needs --checkpoint"):
-        evaluate.evaluate("cliport", TASK, 1)
+        evaluate.evaluate(Measurement("cliport", TASK, 1))
     shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
     with pytest.raises(ValueError, match="holds gem, not gem-without-parsing"):
-        evaluate.make_actor("gem-without-parsing", LITE, shipped, None, seed=0)
+        Measurement("gem-without-parsing", TASK, checkpoint=shipped).check()
     with pytest.raises(ValueError, match=r"method must be one of gem, .*without a checkpoint: expert, expert-rounded"):
-        evaluate.make_actor("gem-without-a-clue", LITE, shipped, None, seed=0)
+        Measurement("gem-without-a-clue", TASK, checkpoint=shipped).check()
 
 
 def test_a_world_is_chosen_by_its_name(monkeypatch):
@@ -72,10 +73,10 @@ def test_a_world_is_chosen_by_its_name(monkeypatch):
             super().__init__(**arguments)
 
     monkeypatch.setattr(evaluate, "World", Watched)
-    evaluate.run_job(evaluate.Job("expert", LITE, None, None, worlds.style("shadows"), TASK, "val", range(1)))
+    evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), worlds.style("shadows"), range(1)))
     assert looks == ["shadows"]
     with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
-        evaluate.evaluate("expert", TASK, 1, world="mars")
+        evaluate.evaluate(Measurement("expert", TASK, 1, world="mars"))
 
 
 @pytest.fixture
@@ -84,8 +85,8 @@ def command(monkeypatch, tmp_path):
     monkeypatch.setattr(results, "RESULTS", tmp_path / "filed")
     monkeypatch.setattr(results, "RUNS", tmp_path / "runs")
 
-    def play(method, task, episodes, split, start, **_):
-        return [Episode(start + i, 1.0, 1, ()) for i in range(episodes)]
+    def play(measurement, processes):
+        return [Episode(measurement.start + i, 1.0, 1, ()) for i in range(measurement.episodes)]
 
     def run(*words, measured=True):
         monkeypatch.setattr(evaluate, "evaluate", play if measured else evaluate.evaluate)
@@ -132,11 +133,11 @@ def test_rows_hold_the_card_of_their_policy(command, tmp_path):
 
 
 def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
-    for method in evaluate.SCRIPTED:
+    for method in actors.SCRIPTED:
         assert command(method, TASK, "--episodes", "1", "--file") == 0
     rows = {row["method"]: row for row in results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")}
     assert rows["expert"]["config_hash"] is None
-    assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == evaluate.LITE.digest
+    assert rows["expert-rounded"]["config_hash"] == rows["random"]["config_hash"] == actors.LITE.digest
     empty = ("steps", "learning_rate", "clip_fingerprint", "seed")
     assert all(row[name] is None for row in rows.values() for name in empty)
 
@@ -202,8 +203,8 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
 
 def test_a_checkpoint_for_another_table_is_refused():
     checkpoint = clip.DATA / "gem-object-sorting.safetensors"
-    with pytest.raises(ValueError, match=r"a table 1.06 m long; the task's is 1.0 m"):
-        evaluate.evaluate("gem", TASK, 1, checkpoint=checkpoint)
+    with pytest.raises(ValueError, match=r"a table .* y -0.530 to 0.530 m; that of put-block.* y -0.500 to 0.500 m"):
+        evaluate.evaluate(Measurement("gem", TASK, 1, checkpoint=checkpoint))
 
 
 def test_a_subset_of_episodes_has_a_row_of_its_own():
@@ -214,12 +215,13 @@ def test_a_subset_of_episodes_has_a_row_of_its_own():
 
 def test_skipped_episodes_are_replaced_by_later_ones():
     assert workers.chunks(3, 6, skip=(4, 5, 100)) == [[3, 6, 7, 8, 9], [10]]
-    measured = evaluate.evaluate("expert", TASK, 3, skip=(1,), processes=1)
+    measured = evaluate.evaluate(Measurement("expert", TASK, 3, skip=(1,)), processes=1)
     assert [episode.index for episode in measured] == [0, 2, 3]
 
 
 def test_a_row_names_the_episodes_that_it_skipped(tmp_path):
-    rows = evaluate.measure_and_file("expert", TASK, tmp_path / "rows.jsonl", 2, skip=(1, 9), processes=1)
+    measurement = Measurement("expert", TASK, 2, skip=(1, 9))
+    rows, _ = evaluate.measure_and_file(measurement, tmp_path / "rows.jsonl", processes=1)
     assert rows[0]["skipped"] == [1]
     assert list(rows[0]["rewards"]) == ["0", "2"]
     assert results.read_rows(tmp_path / "rows.jsonl")[0]["skipped"] == [1]
@@ -238,8 +240,12 @@ def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, reward
         SimpleNamespace(observations=(), grasped=True, reward=reward, done=number == last)
         for number, reward in enumerate(rewards)
     ]
-    world = SimpleNamespace(reset=lambda *_: (), steps_taken=len(rewards), step=lambda *_, **__: steps.pop(0))
-    monkeypatch.setattr(tasks, "make", lambda *_: SimpleNamespace(placed=lambda _: set(), subsets=tuple))
+    world = SimpleNamespace(
+        begin=lambda *_: None, observe=tuple, steps_taken=len(rewards), step=lambda *_, **__: steps.pop(0)
+    )
+    monkeypatch.setattr(
+        tasks, "make", lambda *_: SimpleNamespace(placed=lambda _: set(), subsets=tuple, instruction="")
+    )
     push = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
     episode = evaluate.run_episode(world, lambda *_: push, TASK, "test", 0)
     assert 0.0 <= episode.reward <= 1.0

@@ -9,13 +9,12 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
-from gem_lite.evaluation import evaluate
 from gem_lite.language import Queries
 from gem_lite.maps import locations
 from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.gates import Gate, near_peak
+from gem_lite.policies.gates import Gate, gated, near_peak
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.samples import Inputs
@@ -46,8 +45,8 @@ def scores_at(*cells):
 
 
 def choose(policy, monkeypatch, pick, place, empty_picks=(), push=False, gates=None):
-    monkeypatch.setattr(policy, "score_pick", lambda inputs: pick)
-    monkeypatch.setattr(policy, "score_place", lambda inputs, picks: place)
+    monkeypatch.setattr(policy, "score_picks", lambda inputs: pick)
+    monkeypatch.setattr(policy, "score_places", lambda inputs, table, pixel: place)
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
     return policy.choose("", Queries("block", "square", push=push), None, inputs, empty_picks, gates or {})
 
@@ -110,13 +109,14 @@ def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi):
             task = tasks.make("align-rope", "val")
             (observation,) = world.reset(task, tasks.episode_seed("val", index))
             for _ in range(4):
-                action = evaluate.expert(world)
-                if action is None:
+                expert = task.expert(world)
+                if expert is None:
                     break
+                action = expert.action
                 scene = multi.embed(observation.views)
                 queries = multi.read(task.instruction)
                 gate = multi.gates(observation.views, multi.inputs(scene, queries), queries)["pick"]
-                cells = gate.cells(EVERYWHERE)
+                cells = gated([{"pick": gate}], "pick", EVERYWHERE[None])[0]
                 assert cells.float().mean() < 0.1
                 allowed.append(bool(cells[multi.config.workspace.nearest_cell(action.pick.x, action.pick.y)]))
                 step = world.step(action)
@@ -128,8 +128,9 @@ def test_a_push_may_start_away_from_the_peak_of_its_map():
     policy = policy_of()
     semantic = spots((40, 40, 1.0))[None]
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE), maps={"pick": semantic, "place": semantic})
-    gate = policy.gates((), inputs, Queries("block", "square"))["pick"]
-    assert gate.cells(EVERYWHERE)[40, 40] and gate.cells(EVERYWHERE).sum() < 30
+    gates = policy.gates((), inputs, Queries("block", "square"))
+    cells = gated([gates], "pick", EVERYWHERE[None])[0]
+    assert cells[40, 40] and cells.sum() < 30
     assert policy.gates((), inputs, Queries("block", "square", push=True)) == {}
     assert policy_of("gem-without-peak").gates((), inputs, Queries("block", "square")) == {}
 

@@ -11,6 +11,7 @@ import pytest
 from gem_lite import colors, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import evaluate
+from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.registry import Registry
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import goals, shapes
@@ -247,6 +248,6 @@ def test_an_outside_task_is_swept_by_its_expert(blind):
 def test_outside_tasks_and_worlds_are_known_in_new_processes():
     import outside_task  # noqa: F401
 
-    episodes = evaluate.evaluate("expert", "sweeping-far", 1, "val", world="night", processes=1)
+    episodes = evaluate.evaluate(Measurement("expert", "sweeping-far", 1, "val", world="night"), processes=1)
     assert [episode.index for episode in episodes] == [0]
     assert np.isfinite(episodes[0].reward)

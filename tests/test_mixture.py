@@ -7,7 +7,8 @@ import pytest
 
 from gem_lite import clip, demonstrations
 from gem_lite.actions import ExpertAction, Push
-from gem_lite.learning import collecting, dataset, train
+from gem_lite.evaluation import collecting
+from gem_lite.learning import dataset, train
 from gem_lite.learning.mixture import Joined, draw
 from gem_lite.maps.crop_memory import demonstrated_crops
 from gem_lite.policies import methods

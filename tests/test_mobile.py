@@ -9,7 +9,6 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
-from gem_lite.policies import several_tables
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
@@ -103,21 +102,9 @@ def test_kernels_of_another_count_are_refused():
 # Stitch and split
 
 
-def test_split_undoes_stitch():
-    maps = torch.randn(4, 6, 10, 8, generator=torch.Generator().manual_seed(0))
-    panorama = several_tables.stitch(maps)
-    assert panorama.shape == (6, 10, 32)
-    for number in range(0, panorama.numel(), 97):
-        cell = np.unravel_index(number, panorama.shape)
-        table, (angle, row, col) = several_tables.split(cell, 8)
-        assert maps[table, angle, row, col] == panorama[cell]
-    table, cell = several_tables.split(np.unravel_index(int(panorama.argmax()), panorama.shape), 8)
-    assert maps[(table, *cell)] == maps.max()
-
-
 def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    together = several_tables.choose(policy, observations, sentence)
+    together = policy.decide_over(observations, sentence)
     assert together.pick_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
     for table, observation in enumerate(observations):
         alone = policy.decide(observation, sentence)
@@ -130,35 +117,36 @@ def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
 
 def test_a_neighbour_changes_nothing(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    one = several_tables.choose(policy, observations[:2], sentence)
-    other = several_tables.choose(policy, [observations[0], observations[2]], sentence)
+    one = policy.decide_over(observations[:2], sentence)
+    other = policy.decide_over([observations[0], observations[2]], sentence)
     assert np.abs(one.pick_logits[0] - other.pick_logits[0]).max() < 1e-6
     assert np.abs(one.pick_logits[1] - other.pick_logits[1]).max() > 1e-3
 
 
 def test_the_order_of_tables_does_not_matter(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    one, other = (several_tables.choose(policy, seen, sentence) for seen in (observations, observations[::-1]))
+    one, other = (policy.decide_over(seen, sentence) for seen in (observations, observations[::-1]))
     assert (one.pick_table, one.place_table) == (2 - other.pick_table, 2 - other.place_table)
     assert (one.pick, one.place) == (other.pick, other.place)
 
 
 def scored(monkeypatch, pick, place):
-    """Makes `choose` find these cells: (table, angle, row, col, value) of the pick's and of the place's logits."""
+    """Makes policies find these cells: (table, angle, row, col, value) of the pick's and of the place's logits."""
 
-    def score_tables(module, inputs, role, kernel):
+    def logits_of(cells, inputs):
         logits = torch.zeros(len(inputs.rgbd), MOBILE.angles, *MOBILE.workspace.shape)
-        for table, angle, row, col, value in pick if role == "pick" else place:
+        for table, angle, row, col, value in cells:
             logits[table, angle, row, col] = value
         return logits
 
-    monkeypatch.setattr(several_tables, "score_tables", score_tables)
+    monkeypatch.setattr(Policy, "score_picks", lambda self, inputs: logits_of(pick, inputs))
+    monkeypatch.setattr(Policy, "score_places", lambda self, inputs, table, pixel: logits_of(place, inputs))
 
 
 def test_the_place_yaw_adds_the_angle_to_the_yaw_of_the_pick(policy, observations, monkeypatch):
     free = Policy(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
     scored(monkeypatch, [(1, 5, 30, 20, 1.0)], [(2, 7, 90, 60, 1.0)])
-    choice = several_tables.choose(free, observations, "pick the mug and place into the recycle box")
+    choice = free.decide_over(observations, "pick the mug and place into the recycle box")
     assert (choice.pick_table, choice.place_table) == (1, 2)
     step = math.radians(360 / MOBILE.angles)
     x, y = MOBILE.workspace.to_world(30, 20)
@@ -174,14 +162,14 @@ def test_nothing_is_put_back_as_it_lay_on_its_own_table(policy, observations, mo
     pick = [(1, 5, 30, 20, 1.0)]
     sentence = "pick the mug and place into the recycle box"
     scored(monkeypatch, pick, [(1, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
-    assert several_tables.choose(free, observations, sentence).place_table == 0
+    assert free.decide_over(observations, sentence).place_table == 0
     scored(monkeypatch, pick, [(2, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
-    assert several_tables.choose(free, observations, sentence).place_table == 2, "the same cell of another table"
+    assert free.decide_over(observations, sentence).place_table == 2, "the same cell of another table"
 
 
 def test_a_push_stays_on_its_table(policy, observations, monkeypatch):
     scored(monkeypatch, [(1, 5, 30, 20, 1.0)], [(2, 0, 90, 60, 3.0), (1, 0, 30, 20, 2.0), (1, 4, 80, 10, 1.0)])
-    choice = several_tables.choose(policy, observations, "push the pile of red blocks into the green square")
+    choice = policy.decide_over(observations, "push the pile of red blocks into the green square")
     assert isinstance(choice.action, Push) and choice.action.table == 1
     x, y = MOBILE.workspace.to_world(80, 10)
     assert (choice.action.end.x, choice.action.end.y) == pytest.approx((x, y))
@@ -189,7 +177,7 @@ def test_a_push_stays_on_its_table(policy, observations, monkeypatch):
 
 def test_no_table_is_refused(policy):
     with pytest.raises(ValueError, match="observations is empty"):
-        several_tables.choose(policy, [], "pick the mug and place into the gear box")
+        policy.decide_over([], "pick the mug and place into the gear box")
     with pytest.raises(ValueError, match="tables is empty"):
         MobileWorld(())
 
@@ -203,21 +191,21 @@ def test_a_first_table_elsewhere_is_refused():
 def test_a_method_that_makes_no_kernel_is_refused_by_name(method, policy, observations):
     rival = method(method.Config().on_table(1.06), policy.clip)
     with pytest.raises(ValueError, match=rf"must be a gem policy .*, got {rival.name}"):
-        several_tables.choose(rival, observations, "pick the mug and place into the recycle box")
+        rival.decide_over(observations, "pick the mug and place into the recycle box")
 
 
 @pytest.mark.parametrize("ending", ["with-free-kernels", "without-steerable-kernel", "without-semantic-map"])
 def test_ablations_choose_over_several_tables(ending, policy, observations):
     ablation = Policy(MOBILE.ablated(ending), policy.clip)
-    choice = several_tables.choose(ablation, observations, "pick the mug and place into the recycle box")
+    choice = ablation.decide_over(observations, "pick the mug and place into the recycle box")
     assert choice.pick_logits.shape == choice.place_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_policy_on_a_gpu_chooses_there(policy, observations):
     sentence = "pick the mug and place into the recycle box"
-    here = several_tables.choose(policy, observations, sentence)
-    there = several_tables.choose(Policy(MOBILE, policy.clip, seed=0).to("cuda"), observations, sentence)
+    here = policy.decide_over(observations, sentence)
+    there = Policy(MOBILE, policy.clip, seed=0).to("cuda").decide_over(observations, sentence)
     assert there.inputs.rgbd.device.type == "cpu"
     assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
 
@@ -411,10 +399,10 @@ def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy)
     task = tasks.make("stack-block-pyramid-seq-seen-colors", "val")
     on_this_table = Policy(LITE.on_table(task.workspace.length), policy.clip, seed=0)
     seen = two_tables.reset(task, tasks.episode_seed("val", 0))
-    first = several_tables.choose(on_this_table, seen, task.instruction)
+    first = on_this_table.decide_over(seen, task.instruction)
     assert np.ptp(first.pick_logits[0]) > 3 * np.ptp(first.pick_logits[1])  # the second table is bare
     step = two_tables.step(task.expert(two_tables).action)
-    second = several_tables.choose(on_this_table, step.observations, task.instruction)
+    second = on_this_table.decide_over(step.observations, task.instruction)
     assert first.queries.pick != second.queries.pick
 
 

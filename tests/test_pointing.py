@@ -6,10 +6,9 @@ import pytest
 from shapely.geometry import Point
 
 from gem_lite import clip, colors, tasks
-from gem_lite.evaluation import pointing, pointing_scenes, results
+from gem_lite.evaluation import calibrating, pointing, pointing_scenes, results
 from gem_lite.evaluation.pointing import Pointing, point
 from gem_lite.evaluation.pointing_scenes import lay_out
-from gem_lite.learning import calibrating
 from gem_lite.maps import crop_memory
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.gem_config import LITE

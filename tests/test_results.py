@@ -7,10 +7,10 @@ import pytest
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.demonstrations import ExpertAction
-from gem_lite.evaluation import evaluate, evaluate_mobile, failures, pointing, results, statistics
+from gem_lite.evaluation import actors, failures, pointing, results, statistics, table_poses
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
-from gem_lite.policies.base import Choice
+from gem_lite.policies.choices import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import worlds
@@ -177,20 +177,20 @@ def test_stored_rows_are_complete():
         assert row["config_hash"] or row["method"] == "expert"
     of_policies = [row for row in rows if "method" in row]  # the pointing game's have other keys
     for row in of_policies:
-        identity = evaluate_mobile.IDENTITY if "poses" in row else results.IDENTITY
+        identity = table_poses.IDENTITY if "poses" in row else results.IDENTITY
         assert {*identity, "demonstrations_world"} - {"skipped"} <= row.keys()
         assert row["episodes"] == len(row["rewards"])
         rewards = list(row["rewards"].values())
         assert row["mean"] == pytest.approx(100 * np.mean(rewards), abs=0.06)  # rewards and mean are rounded
         _, interval = mean_and_interval(rewards)
         assert row["ci95"] == pytest.approx(interval, abs=0.11) and row["interval"] == statistics.INTERVAL
-        learned = row["method"] not in (*evaluate.SCRIPTED, pointing.METHOD)
+        learned = row["method"] not in (*actors.SCRIPTED, pointing.METHOD)
         assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
 
 
 def test_no_two_stored_rows_have_one_name():
     for path in results.RESULTS.glob("**/*.jsonl"):
-        identity = {"pointing": pointing.IDENTITY, "object-sorting": evaluate_mobile.IDENTITY}
+        identity = {"pointing": pointing.IDENTITY, "object-sorting": table_poses.IDENTITY}
         names = [
             tuple(str(row.get(key)) for key in identity.get(path.stem, results.IDENTITY))
             for row in results.read_rows(path)
@@ -246,7 +246,7 @@ def test_a_reason_names_what_the_tool_lifted():
     """Two blocks touch; the pick lies on the named one, and the tool takes hold of its neighbour."""
 
     class Stubborn:
-        def decide(self, observation, instruction):
+        def decide(self, observation, instruction, empty_picks):
             action = PickPlace(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
             return Choice(instruction, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
 

@@ -1,8 +1,8 @@
 """object-sorting: its symbols, the CLIP words for them, measuring over several tables, and the drawings."""
 
-import dataclasses
 import json
 import math
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,10 +12,10 @@ from drawings import plot_mobile
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
-from gem_lite.evaluation import evaluate_mobile, results
-from gem_lite.evaluation.evaluate_mobile import Condition, Outcome
-from gem_lite.evaluation.results import Score
-from gem_lite.policies import several_tables
+from gem_lite.evaluation import actors, evaluate, results, table_poses
+from gem_lite.evaluation.evaluate import Measurement
+from gem_lite.evaluation.results import Episode, Score
+from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies.gates import near_peak
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
@@ -92,18 +92,18 @@ def test_what_cannot_stand_has_fallen_before_anyone_looks(world, index):
 
 
 def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, monkeypatch):
-    chosen = []
-    choose = several_tables.choose
-
-    def counted(*args):
-        chosen.append(choose(*args))
-        return chosen[-1]
-
-    monkeypatch.setattr(several_tables, "choose", counted)
+    looks, acts = [], []
+    observe, step = MobileWorld.observe, MobileWorld.step
+    monkeypatch.setattr(MobileWorld, "observe", lambda self: looks.append(observe(self)) or looks[-1])
+    monkeypatch.setattr(
+        MobileWorld, "step", lambda self, action, **more: acts.append(action) or step(self, action, **more)
+    )
     conditions = [Condition("tags"), Condition("truth"), Condition("truth", 0.3)]
-    found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, conditions)
-    assert len(chosen) == 1 and len(found.rewards) == 3 and found.episode == 0
-    assert found.rewards[0] == found.rewards[1] or not found.errors
+    actor = actors.policy_actor(policy)
+    found = evaluate.run_conditions(world, actor, "object-sorting-seen", "val", 0, conditions)
+    assert len(looks) == 1 and acts == acts[:1] * 3
+    assert [(episode.index, episode.condition) for episode in found] == [(0, condition) for condition in conditions]
+    assert found[0].reward == found[1].reward or any(episode.error for episode in found)
 
 
 def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
@@ -111,8 +111,9 @@ def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
         raise tags.LocalisationError("nowhere")
 
     monkeypatch.setattr(driving, "localise", lost)
-    found = evaluate_mobile.run_episode(world, policy, "object-sorting-seen", "val", 0, [Condition("tags")])
-    assert found.rewards == (0.0,) and found.errors == ("nowhere",)
+    actor = actors.policy_actor(policy)
+    (found,) = evaluate.run_conditions(world, actor, "object-sorting-seen", "val", 0, [Condition("tags")])
+    assert (found.reward, found.error) == (0.0, "nowhere")
 
 
 def test_injected_errors_have_their_size(world):
@@ -127,10 +128,20 @@ def test_injected_errors_have_their_size(world):
     assert sides == {-4, 4}
 
 
+OFF = Condition("tags", 0.02)
+
+
+def played(by_tags, off):
+    """Episodes with these rewards: found by tags, and with an injected error."""
+    return [
+        Episode(index, reward, 1, (), condition=condition)
+        for condition, rewards in ((Condition("tags"), by_tags), (OFF, off))
+        for index, reward in enumerate(rewards)
+    ]
+
+
 def test_a_row_for_each_condition():
-    conditions = [Condition("tags"), Condition("tags", 0.02)]
-    found = [Outcome(0, (1.0, 0.0), ()), Outcome(1, (1.0, 1.0), ())]
-    first, second = evaluate_mobile.rows_of(found, conditions, {"method": "gem"})
+    first, second = evaluate.rows_of("gem", "object-sorting-seen", played([1.0, 1.0], [0.0, 1.0]), {})
     assert (first["mean"], second["mean"]) == (100.0, 50.0) and second["shift"] == 0.02
     assert second["rewards"] == {"0": 0.0, "1": 1.0} and first["method"] == "gem"
     assert json.dumps(first)
@@ -139,29 +150,32 @@ def test_a_row_for_each_condition():
 def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(results, "RESULTS", tmp_path)
     task, path = "object-sorting-seen", results.results_file("object-sorting-seen")
-    conditions = [Condition("tags"), Condition("tags", 0.02)]
-    found = [Outcome(i, (1.0, float(i < 5)), ()) for i in range(12)]
-    facts = {"method": "gem", "task": task, "tables": 2, "world": "home", "split": "test", "start": 0}
+    found = played([1.0] * 12, [1.0] * 5 + [0.0] * 7)
+    facts = {"tables": 2, "world": "home", "split": "test", "start": 0}
     facts |= results.facts_of(None, LITE) | {"train_cpu_seconds": 9.0}
-    results.file_rows(evaluate_mobile.rows_of(found, conditions, facts), path, evaluate_mobile.IDENTITY)
-    score = evaluate_mobile.score(task, conditions[1])
+    results.file_rows(evaluate.rows_of("gem", task, found, facts), path, table_poses.IDENTITY)
+    score = table_poses.score(task, OFF)
     assert score.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and score.mean == pytest.approx(41.7)
     with pytest.raises(LookupError, match=r"no row with .*poses truth.* There are: .*poses tags, shift 0\.02"):
-        evaluate_mobile.score(task, Condition("truth"))
+        table_poses.score(task, Condition("truth"))
     with pytest.raises(LookupError, match=r"no row with .*world shadows"):
-        evaluate_mobile.score(task, conditions[1], world="shadows")
+        table_poses.score(task, OFF, world="shadows")
     with pytest.raises(ValueError, match=r"holds a row over 12 episodes .*shift 0\.02"):
-        short = evaluate_mobile.rows_of(found[:3], conditions[1:], facts)
-        results.file_rows(short, path, evaluate_mobile.IDENTITY)
+        short = evaluate.rows_of("gem", task, found[-3:], facts)
+        results.file_rows(short, path, table_poses.IDENTITY)
 
 
 def test_bad_requests_are_refused(tmp_path, capsys):
+    missing = tmp_path / "none.safetensors"
+    task = "object-sorting-seen"
+    measurement = Measurement("gem", task, checkpoint=missing, tables=2, conditions=[Condition("tags")])
     with pytest.raises(ValueError, match="task must be one of object-sorting-seen"):
-        evaluate_mobile.measure(tmp_path / "none", "bars-in-box", 1, [Condition("tags")])
+        evaluate.evaluate(replace(measurement, task="bars-in-box"))
     with pytest.raises(ValueError, match="episodes must be at least 1"):
-        evaluate_mobile.measure(tmp_path / "none", "object-sorting-seen", 0, [Condition("tags")])
-    missing = str(tmp_path / "none.safetensors")
-    assert main(["several-tables", missing, "--clip", str(clip.EMBEDDED)]) == 2
+        evaluate.evaluate(replace(measurement, episodes=0))
+    with pytest.raises(ValueError, match="tables must be at least 1, got 0"):
+        evaluate.evaluate(replace(measurement, tables=0))
+    assert main(["several-tables", str(missing), "--clip", str(clip.EMBEDDED)]) == 2
     assert "none.safetensors is missing" in capsys.readouterr().err
     shipped = str(clip.DATA / "gem-object-sorting.safetensors")
     assert main(["several-tables", shipped, "--world", "mars"]) == 2
@@ -170,7 +184,7 @@ def test_bad_requests_are_refused(tmp_path, capsys):
 
 def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
     task = tasks.make("object-sorting-seen", "val")
-    choice = several_tables.choose(policy, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    choice = policy.decide_over(world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     semantic = choice.inputs.maps["pick"][:, 0]
     height = HEIGHT_SCALE * choice.inputs.rgbd[:, 3]
     near = near_peak(semantic, height, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
@@ -182,9 +196,9 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
 
 
 def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
-    free = Policy(dataclasses.replace(MOBILE, peak_margin=None), clip.load(), seed=0)
+    free = Policy(replace(MOBILE, peak_margin=None), clip.load(), seed=0)
     task = tasks.make("object-sorting-seen", "val")
-    choice = several_tables.choose(free, world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    choice = free.decide_over(world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     fig = plot_mobile.show_stitched(choice, "some CLIP")
     shown = [ax for ax in fig.axes if ax.get_title()]
     assert len(shown) == 5 and all(ax.images[0].get_array().shape[:2] == (160, 160) for ax in shown)

@@ -11,7 +11,7 @@ from shapely.geometry import Point
 
 from gem_lite import colors, language, tasks
 from gem_lite.actions import PickPlace
-from gem_lite.learning import collecting
+from gem_lite.evaluation import collecting
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import effectors, shapes, trays
 from gem_lite.simulation.goals import ZoneMetric

@@ -13,10 +13,10 @@ from gem_lite.learning import train
 from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import augment, gates
 from gem_lite.policies import base as policy_module
-from gem_lite.policies.base import numbered_steps
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
+from gem_lite.policies.samples import numbered_steps
 from gem_lite.se2 import angle_off
 
 SMALL = dataclasses.replace(

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from gem_lite.evaluation import evaluate, pointing, workers
+from gem_lite.evaluation.evaluate import Measurement
 
 FATAL = 12
 
@@ -59,7 +60,7 @@ def test_an_evaluation_whose_process_is_killed_files_no_row(monkeypatch, tmp_pat
     monkeypatch.setattr(evaluate, "run_job", killed)
     path = tmp_path / "rows.jsonl"
     with pytest.raises(ChildProcessError, match=r"expert on block-insertion: .* the episodes 3, 4 were being run"):
-        evaluate.measure_and_file("expert", "block-insertion", path, episodes=2, start=3, processes=1)
+        evaluate.measure_and_file(Measurement("expert", "block-insertion", 2, start=3), path, processes=1)
     assert not path.exists()
 
 

@@ -20,9 +20,9 @@ import torch
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
-from gem_lite.actions import Action
-from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation import actors, evaluate, results
 from gem_lite.evaluation.results import Episode
+from gem_lite.evaluation.rollout import Decision, Observations
 from gem_lite.policies import methods
 from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
@@ -82,7 +82,7 @@ class ErringEyes:
     """An actor whose policy sees through erring cameras."""
 
     def __init__(self, policy: PickPlacePolicy, cell: Cell, seed: int) -> None:
-        self.actor = evaluate.policy_actor(policy)
+        self.actor = actors.policy_actor(policy)
         self.errors = cell.errors
         self.workspace = policy.config.workspace if cell.levelled else None
         self.seed = seed
@@ -96,9 +96,9 @@ class ErringEyes:
         self.units = ()
 
     def __call__(
-        self, environment: Environment, observations: evaluate.Observations, empty_picks: Sequence[Pose2]
-    ) -> Action | None:  # fmt: skip
-        """The policy's action in the true world, from what the erring cameras show."""
+        self, environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]
+    ) -> Decision | None:  # fmt: skip
+        """The policy's decision in the true world, from what the erring cameras show."""
         (observation,) = observations
         self.units = self.units or draw_units(observation, self.errors, self.unit_rng)
         seen = corrupt(observation, self.units, self.frames)

@@ -16,7 +16,7 @@ import yaml
 
 from gem_lite import clip, tasks
 from gem_lite.config import MULTI_TASK, Config
-from gem_lite.evaluation import evaluate, results
+from gem_lite.evaluation import actors, results
 from gem_lite.policies import methods
 from gem_lite.simulation.task import SOLVED
 from gem_lite.simulation.worlds import HOME
@@ -187,7 +187,7 @@ class Plan:
         wanted = {"paper": tasks.PAPER, "all": (*tasks.PAPER, *OURS)}.get(str(group["tasks"])) or group["tasks"]
         episodes = group.get("episodes", 50)
         for method in group["methods"]:
-            if method in evaluate.SCRIPTED:
+            if method in actors.SCRIPTED:
                 for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
                     # The expert itself decides which episodes are skipped.
                     skipped = () if method == "expert" else self.skipped.get(task, ())

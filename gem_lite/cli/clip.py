@@ -13,7 +13,7 @@ def calibrate(clip: str, /) -> None:
       gem-lite clip calibrate openai/clip-vit-base-patch32
     """
     from gem_lite.clip import calibration, load
-    from gem_lite.learning import calibrating
+    from gem_lite.evaluation import calibrating
 
     model = load(clip)
     numbers = calibrating.calibrate(model, calibrating.rendered_scenes())

@@ -28,7 +28,7 @@ def collect(
     Examples:
       gem-lite collect bars-in-box runs/demos/bars --episodes 2
     """
-    from gem_lite.learning import collecting
+    from gem_lite.evaluation import collecting
 
     with continues(f"the episodes in {folder}"):
         try:

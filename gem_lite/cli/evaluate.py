@@ -45,12 +45,11 @@ def evaluate(
     """
     from gem_lite import tasks
     from gem_lite.evaluation import results
-    from gem_lite.evaluation.evaluate import measure_and_file
+    from gem_lite.evaluation.evaluate import Measurement, measure_and_file
 
     path = results.output(file, out, tasks.family(task))
-    rows = measure_and_file(
-        method, task, path, episodes, split, start, checkpoint, clip, processes, world, preset, skip
-    )
+    measurement = Measurement(method, task, episodes, split, start, checkpoint, clip, world, preset, skip)
+    rows, _ = measure_and_file(measurement, path, processes)
     for row in rows:
         print("{method} on {task}, {subset}: {mean} {ci95}, {episodes} episodes".format(**row))
     print(f"the rows are in {path}")
@@ -89,17 +88,28 @@ def several_tables(
       gem-lite several-tables data/gem-object-sorting.safetensors --curve
       gem-lite several-tables data/gem-object-sorting.safetensors --tasks object-sorting-seen --episodes 2
     """
-    from gem_lite.evaluation import evaluate_mobile, results
+    from gem_lite.evaluation import results, table_poses
+    from gem_lite.evaluation.evaluate import Measurement, measure_and_file
+    from gem_lite.policies.checkpoints import read_card
     from gem_lite.tasks import family
 
-    evaluate_mobile.check(checkpoint, tasks, split, clip, tables)  # all tasks before the first is measured
-    for task in tasks:
-        path = results.output(file, out, family(task))
-        rows, errors = evaluate_mobile.measure_and_file(
-            checkpoint, task, path, curve, episodes, split, start, clip, tables, processes, world
+    conditions = (*table_poses.BOTH, *(table_poses.CURVE if curve else ()))
+    method = read_card(checkpoint)["method"]
+    measurements = [
+        Measurement(
+            method, task, episodes, split, start, checkpoint, clip, world, tables=tables, conditions=conditions
         )
+        for task in tasks
+    ]  # fmt: skip
+    for measurement in measurements:  # All tasks before the first is measured.
+        measurement.check()
+    for measurement in measurements:
+        path = results.output(file, out, family(measurement.task))
+        rows, errors = measure_and_file(measurement, path, processes)
         for row in rows:
-            print(f"{task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}")
+            print(
+                f"{measurement.task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}"
+            )
         for error in errors:
             print(error)
         print(f"the rows are in {path}")

@@ -12,7 +12,7 @@ def names(*, import_: Import = ()) -> None:
       gem-lite names
     """
     from gem_lite import tasks
-    from gem_lite.evaluation.evaluate import SCRIPTED
+    from gem_lite.evaluation.actors import SCRIPTED
     from gem_lite.policies import methods
     from gem_lite.simulation import worlds
 

@@ -2,7 +2,7 @@
 
 The cosine between a picture and a matching text is near 0.3 for OpenAI's CLIP and near 0.8 for other models. So maps
 are scaled by constants of the model, never by the minimum and maximum of the present image.
-`gem_lite.learning.calibrating` measures these constants.
+`gem_lite.evaluation.calibrating` measures these constants.
 """
 
 from __future__ import annotations

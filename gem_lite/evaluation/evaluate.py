@@ -1,225 +1,235 @@
-"""Measure a policy over episodes. The result is rows, see `results`."""
+"""Measure a method over episodes, on one table or over several. The result is rows, see `results`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gem_lite import clip, tasks
-from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.evaluation import results, workers
+from gem_lite.evaluation import actors, results, table_poses, workers
+from gem_lite.evaluation.actors import LITE, SCRIPTED
 from gem_lite.evaluation.results import Episode
+from gem_lite.evaluation.rollout import Actor, Decision, Observations, rollout
+from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
 from gem_lite.policies.checkpoints import load_policy, read_card
-from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Pose2, angle_bins
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import worlds
-from gem_lite.simulation.environment import Environment, body_at
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.world import World
 from gem_lite.simulation.worlds import WorldStyle
 
-LITE = Config.preset("lite")
-"""Pixels and angles of the scripted methods."""
-Observations = tuple[Observation, ...]
-Actor = Callable[[Environment, Observations, Sequence[Pose2]], Action | None]
-"""Chooses an action from the environment, the observations and the empty picks.
 
-Empty picks are the poses at which the tool has grasped nothing since it last held something. Only experts read the
-environment. A policy's actor reads the observations and the empty picks."""
+@dataclass(frozen=True)
+class Measurement:
+    """What is measured: a method on a task's episodes.
 
+    Attributes:
+        method: its name: one of `SCRIPTED`, or a learned one.
+        task: the task's name.
+        episodes: the number of episodes.
+        split, start: the split, and the index of the first episode in it.
+        checkpoint: of a learned method.
+        clip_name: see `clip.load`.
+        world: the name of the world, see `worlds.style`.
+        preset: of the configuration, for a method without a checkpoint that depends on pixels and angles.
+        skip: the indices of episodes to leave out, such as those that the expert does not solve: later ones take their
+            place.
+        tables: the number of tables, if there are ``conditions``.
+        conditions: how a mobile robot knows where each table is. Every episode is played under each of them. Without
+            any, the tool stands at one table.
+    """
 
-def run_episode(
-    environment: Environment, actor: Actor, task_name: str, split: tasks.Split, index: int
-) -> Episode:  # fmt: skip
-    """One episode from reset to done."""
-    task = tasks.make(task_name, split)
-    observations = environment.reset(task, tasks.episode_seed(split, index))
-    total = 0.0
-    done = False
-    placed_decisions = 0
-    retaken = 0
-    empty_picks: list[Pose2] = []
-    while not done:
-        action = actor(environment, observations, empty_picks)
-        if action is None:
-            break
-        placed = task.placed(environment)
-        if placed:
-            placed_decisions += 1
-        if isinstance(action, PickPlace):
-            picked = body_at(environment, environment.tables[action.pick_table] @ action.pick)
-            if picked in placed:
-                retaken += 1
-        step = environment.step(action, last_look=False)
-        if isinstance(action, PickPlace):
-            empty_picks = [] if step.grasped else [*empty_picks, action.pick]
-        observations = step.observations
-        total += step.reward
-        done = step.done
-    reward = min(max(total, 0.0), 1.0)  # gains and losses may add up to -1e-16
-    return Episode(index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken)
+    method: str
+    task: str
+    episodes: int = 100
+    split: tasks.Split = "test"
+    start: int = 0
+    checkpoint: Path | None = None
+    clip_name: str | None = None
+    world: str = "home"
+    preset: str = "lite"
+    skip: Sequence[int] = ()
+    tables: int = 1
+    conditions: Sequence[Condition] = ()
 
+    @property
+    def settings(self) -> Config:
+        """The preset on the task's table."""
+        return Config.preset(self.preset).on_table(tasks.make(self.task, self.split).workspace.length)
 
-def expert(environment: Environment, _: Observations = (), __: Sequence[Pose2] = ()) -> Action | None:
-    """The scripted expert; it reads the simulator's truth."""
-    expert_action = environment.task.expert(environment)
-    return None if expert_action is None else expert_action.action
+    @property
+    def parts(self) -> list[list[int]]:
+        """The episodes' indices, in a list for each process. Raises ValueError if there is no episode."""
+        return workers.chunks(self.start, self.episodes, self.skip)
 
+    @property
+    def acting_config(self) -> Config:
+        """The configuration by which a learned method acts. Raises ValueError if the checkpoint cannot act so."""
+        method = methods.canonical(self.method)
+        if self.checkpoint is None:
+            raise ValueError(f"{method} needs --checkpoint")
+        try:
+            return methods.acting_as(read_card(self.checkpoint), method)[1]
+        except ValueError as error:
+            raise ValueError(f"{self.checkpoint}: {error}") from error
 
-def rounded_expert(settings: Config) -> Actor:
-    """The expert with its action rounded to a configuration's pixels and angles: the best that a policy can do."""
-    workspace = settings.workspace
-    bins = angle_bins(settings.angles)
+    def actor(self, seed: int) -> Actor:
+        """The method as an actor; ``seed`` is that of "random". Raises the errors of `check`."""
+        match self.method:
+            case "expert":
+                return actors.expert
+            case "expert-rounded":
+                return actors.rounded_expert(self.settings)
+            case "random":
+                return actors.random_actor(self.settings, seed)
+        try:
+            methods.canonical(self.method)
+        except ValueError as error:
+            raise ValueError(f"{error}; without a checkpoint: {', '.join(SCRIPTED)}") from error
+        acting = self.acting_config
+        policy = load_policy(self.checkpoint, clip.load(self.clip_name))
+        policy.act_as(acting)
+        trained, asked = (_limits(one.workspace) for one in (acting, tasks.make(self.task, self.split)))
+        if trained != asked:
+            raise ValueError(
+                f"the checkpoint {self.checkpoint} was trained for a table {trained}; that of {self.task} is {asked}"
+            )
+        if self.conditions:
+            policy.check_tables()
+        return actors.policy_actor(policy)
 
-    def rounded_angle(angle: float) -> float:
-        return float(bins[round(angle / (2 * np.pi / settings.angles)) % settings.angles])
+    def check(self) -> None:
+        """Check that the episodes can be played.
 
-    def rounded_pose(pose: Pose2, yaw: float) -> Pose2:
-        return Pose2(*workspace.to_world(*workspace.nearest_cell(pose.x, pose.y)), yaw)
-
-    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action | None:
-        match expert(environment):
-            case PickPlace(pick, place) as action:
-                pick_yaw = rounded_angle(pick.yaw)
-                place_yaw = pick_yaw + rounded_angle(action.delta)
-                return replace(action, pick=rounded_pose(pick, pick_yaw), place=rounded_pose(place, place_yaw))
-            case Push(start, end) as action:
-                return replace(action, start=rounded_pose(start, 0.0), end=rounded_pose(end, 0.0))
-        return None
-
-    return actor
-
-
-def random_actor(settings: Config, seed: int) -> Actor:
-    """An action that the tool can do, between uniformly random pixels and angles of the first table."""
-    rng = np.random.default_rng(seed)
-    workspace = settings.workspace
-    bins = angle_bins(settings.angles)
-
-    def pose() -> Pose2:
-        cell = [rng.integers(length) for length in workspace.shape]
-        return Pose2(*workspace.to_world(*cell), float(rng.choice(bins)))
-
-    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action:
-        action_type = environment.effector.actions[0]
-        return action_type(pose(), pose())
-
-    return actor
-
-
-def policy_actor(policy: PickPlacePolicy) -> Actor:
-    """A policy as an actor on one table. It gets only the camera views, the sentence and the empty picks."""
-
-    def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Action:
-        (observation,) = observations
-        return policy.act(observation, environment.task.instruction, empty_picks)
-
-    return actor
-
-
-SCRIPTED = ("expert", "expert-rounded", "random")
-"""Methods that need no checkpoint."""
-
-
-def make_actor(method: str, settings: Config, checkpoint: Path | None, clip_name: str | None, seed: int) -> Actor:
-    """The actor of a method's name: one of `SCRIPTED`, or a learned one from its checkpoint."""
-    match method:
-        case "expert":
-            return expert
-        case "expert-rounded":
-            return rounded_expert(settings)
-        case "random":
-            return random_actor(settings, seed)
-    try:
-        method = methods.canonical(method)
-    except ValueError as error:
-        raise ValueError(f"{error}; without a checkpoint: {', '.join(SCRIPTED)}") from error
-    if checkpoint is None:
-        raise ValueError(f"{method} needs --checkpoint")
-    config = _acting_config(checkpoint, method)
-    policy = load_policy(checkpoint, clip.load(clip_name))
-    policy.act_as(config)
-    table = policy.config.workspace.length
-    if table != settings.workspace.length:
-        raise ValueError(
-            f"the checkpoint {checkpoint} was trained for a table {table} m long; the task's is "
-            f"{settings.workspace.length} m long"
-        )
-    return policy_actor(policy)
+        Raises:
+            ValueError: an unknown method, task, split, world or preset; no episode; a checkpoint that is not the
+                method's, was trained for another table, or has a preset of its own; for several tables no table, an
+                episode to skip, a task without several tables, or a method that cannot choose over them.
+            FileNotFoundError: no such checkpoint.
+        """
+        _ = self.parts, worlds.style(self.world)
+        if self.conditions:
+            if self.tables < 1:
+                raise ValueError(f"tables must be at least 1, got {self.tables}")
+            if self.skip:
+                raise ValueError(f"skip must be empty for several tables, got {self.skip}")
+            if self.task not in table_poses.TASKS:
+                raise ValueError(f"task must be one of {', '.join(table_poses.TASKS)}, got {self.task!r}")
+        if self.checkpoint is not None and Config.preset(self.preset) != LITE:
+            raise ValueError(
+                f"preset must be left out, because the checkpoint {self.checkpoint} has its own, got {self.preset!r}"
+            )
+        self.actor(self.start)
 
 
-def _acting_config(checkpoint: Path, method: str) -> Config:
-    """The configuration by which a checkpoint acts as a method. Raises ValueError if it cannot."""
-    try:
-        return methods.acting_as(read_card(checkpoint), method)[1]
-    except ValueError as error:
-        raise ValueError(f"{checkpoint}: {error}") from error
-
-
-def settings_of(task_name: str, split: tasks.Split, settings: Config = LITE) -> Config:
-    """``settings`` for the table of a task, for scripted methods that depend on pixels and angles."""
-    return settings.on_table(tasks.make(task_name, split).workspace.length)
+def _limits(workspace: Workspace) -> str:
+    """The limits of a table in words."""
+    return f"x {workspace.x_min:.3f} to {workspace.x_max:.3f} m, y {workspace.y_min:.3f} to {workspace.y_max:.3f} m"
 
 
 @dataclass(frozen=True)
 class Job:
-    """A few episodes for one process; see `evaluate` for what the attributes mean."""
+    """A few episodes of a measurement for one process, in a world that may be unknown there."""
 
-    method: str
-    settings: Config
-    checkpoint: Path | None
-    clip_name: str | None
+    measurement: Measurement
     style: WorldStyle
-    task_name: str
-    split: tasks.Split
     indices: Sequence[int]
 
 
 def run_job(job: Job) -> list[Episode]:
     """The episodes of a job, one after the other in one world."""
-    actor = make_actor(job.method, job.settings, job.checkpoint, job.clip_name, seed=job.indices[0])
+    m = job.measurement
+    actor = m.actor(seed=job.indices[0])
+    if m.conditions:
+        with MobileWorld(side_by_side(m.tables), style=job.style) as world:
+            played = [run_conditions(world, actor, m.task, m.split, index, m.conditions) for index in job.indices]
+        return [episode for episodes in played for episode in episodes]
     with World(style=job.style) as world:
-        return [run_episode(world, actor, job.task_name, job.split, index) for index in job.indices]
+        return [run_episode(world, actor, m.task, m.split, index) for index in job.indices]
 
 
-def evaluate(
-    method: str, task_name: str, episodes: int, split: tasks.Split = "test", start: int = 0,
-    settings: Config = LITE, checkpoint: Path | None = None, clip_name: str | None = None,
-    processes: int | None = None, world: str = "home", skip: Collection[int] = (),
-) -> list[Episode]:  # fmt: skip
-    """Run the first episodes of a split from ``start`` on in a world, one process a core.
+def run_episode(
+    environment: Environment, actor: Actor, task_name: str, split: tasks.Split, index: int,
+    observations: Observations = (),
+) -> Episode:  # fmt: skip
+    """One episode from reset to done; see `rollout`."""
+    task = tasks.make(task_name, split)
+    total = 0.0
+    placed_decisions = 0
+    retaken = 0
+    error = ""
+    for turn in rollout(environment, task, tasks.episode_seed(split, index), actor, observations):
+        total += turn.result.reward
+        placed_decisions += bool(turn.placed)
+        retaken += turn.picked in turn.placed
+        error = turn.error
+    reward = min(max(total, 0.0), 1.0)  # gains and losses may add up to -1e-16
+    return Episode(index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken, error)
+
+
+def run_conditions(
+    world: MobileWorld, actor: Actor, task_name: str, split: tasks.Split, index: int, conditions: Sequence[Condition]
+) -> list[Episode]:
+    """An episode under each condition. The first action is chosen once: the robot is in no picture before it."""
+    chosen: list[tuple[Observations, Decision | None]] = []
+
+    def choose(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Decision | None:
+        if environment.steps_taken:
+            return actor(environment, observations, empty_picks)
+        if not chosen:
+            chosen.append((observations, actor(environment, observations, empty_picks)))
+        return chosen[0][1]
+
+    episodes = []
+    for number, condition in enumerate(conditions):
+        world.find = condition.finder(np.random.default_rng((index, number)))
+        seen = chosen[0][0] if chosen else ()
+        episode = run_episode(world, choose, task_name, split, index, seen)
+        episodes.append(replace(episode, condition=condition))
+    return episodes
+
+
+def evaluate(measurement: Measurement, processes: int | None = None) -> list[Episode]:
+    """Play the episodes of a measurement, each under each condition.
 
     Method, task and world may come from outside the library, see `workers.run_jobs`.
 
     Args:
-        episodes: the number of episodes.
-        skip: the indices of episodes to leave out, such as those that the expert does not solve.
+        processes: how many run at once; by default one a core.
 
     Raises:
-        ValueError: an unknown method, task, split or world, a checkpoint that is not the method's, or no episode.
-        FileNotFoundError: no such checkpoint.
+        ValueError, FileNotFoundError: see `Measurement.check`.
         ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
-    parts = workers.chunks(start, episodes, skip)
-    style = worlds.style(world)
-    settings = settings_of(task_name, split, settings)
-    make_actor(method, settings, checkpoint, clip_name, seed=start)  # Errors are raised here, not in a worker.
-    jobs = [Job(method, settings, checkpoint, clip_name, style, task_name, split, part) for part in parts]
-    label = f"{method} on {task_name}"
+    measurement.check()  # Errors are raised here, not in a worker.
+    style = worlds.style(measurement.world)
+    jobs = [Job(measurement, style, part) for part in measurement.parts]
+    label = f"{measurement.method} on {measurement.task}"
     return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, processes)
 
 
 def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dict) -> list[dict]:
-    """The rows of a measurement: one over all episodes, and one over each of the task's subsets that occurs.
+    """The rows of a measurement.
+
+    There is one for each condition; without any, one over all episodes, and one over each of the task's subsets that
+    occurs.
 
     Args:
         facts: the other entries that identify a row, see `results.facts_of`.
     """
+    conditions = dict.fromkeys(episode.condition for episode in episodes)
+    if None not in conditions:
+        return [
+            {"method": method, "task": task_name, **facts, **condition._asdict()}
+            | results.reward_entries({one.index: one.reward for one in episodes if one.condition == condition})
+            for condition in conditions
+        ]
     rows = [results.result_row(method, task_name, episodes, "all", facts)]
     for subset in dict.fromkeys(name for episode in episodes for name in episode.subsets):
         members = [episode for episode in episodes if subset in episode.subsets]
@@ -228,49 +238,41 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
 
 
 def measure_and_file(
-    method: str, task_name: str, path: Path, episodes: int = 100, split: tasks.Split = "test", start: int = 0,
-    checkpoint: Path | None = None, clip_name: str | None = None, processes: int | None = None, world: str = "home",
-    preset: str = "lite", skip: Collection[int] = (),
-) -> list[dict]:  # fmt: skip
-    """`evaluate` a method and file its rows in ``path``: one of all episodes, and one of each of the task's subsets.
+    measurement: Measurement, path: Path, processes: int | None = None
+) -> tuple[list[dict], list[str]]:  # fmt: skip
+    """`evaluate` a measurement and file its rows in ``path``, see `rows_of`.
 
-    Args:
-        preset: of the configuration, for a method without a checkpoint that depends on pixels and angles.
-        skip: see `evaluate`; the rows name those that lie before the last episode.
+    Returns:
+        The rows, and a line with episode and reason for each time that a robot could not act.
 
     Raises:
-        ValueError: see `evaluate`; there is no such preset; a checkpoint has a preset of its own; or ``path`` holds a
-            row over more episodes, which is checked before measuring.
+        ValueError: see `Measurement.check`, or ``path`` holds a row over more episodes, which is checked before
+            measuring.
         FileNotFoundError: no such checkpoint.
         OSError: ``path`` cannot be written, which is checked before measuring, too.
         ChildProcessError: a process was killed; nothing is filed then.
     """
-    settings = Config.preset(preset)
-    if checkpoint is not None and settings != LITE:
-        raise ValueError(f"preset must be left out, because the checkpoint {checkpoint} has its own, got {preset!r}")
-    method, facts = _name_and_facts(method, task_name, split, checkpoint, settings)
-    last = workers.chunks(start, episodes, skip)[-1][-1]
-    skipped = sorted(index for index in skip if start <= index < last)
-    facts = {"world": world, "split": split, "start": start, "skipped": skipped} | facts
-    expected = {"method": method, "task": task_name, "subset": "all", **facts, "episodes": episodes}
-    results.check_rows([expected], path)  # Before hours of measuring, not after them.
-    measured = evaluate(
-        method, task_name, episodes, split, start, settings=settings, checkpoint=checkpoint, clip_name=clip_name,
-        processes=processes, world=world, skip=skip,
-    )  # fmt: skip
-    rows = rows_of(method, task_name, measured, facts)
-    results.file_rows(rows, path)
-    return rows
-
-
-def _name_and_facts(
-    method: str, task_name: str, split: tasks.Split, checkpoint: Path | None, settings: Config
-) -> tuple[str, dict]:  # fmt: skip
-    """The method's name as results hold it, and the entries of a row that describe its policy."""
+    m = measurement
+    last = m.parts[-1][-1]
+    facts = {"world": m.world, "split": m.split, "start": m.start}
+    if m.conditions:
+        identity = table_poses.IDENTITY
+        facts = {"tables": m.tables, **facts}
+        kinds = [condition._asdict() for condition in m.conditions]
+    else:
+        identity = results.IDENTITY
+        facts["skipped"] = sorted(index for index in m.skip if m.start <= index < last)
+        kinds = [{"subset": "all"}]
+    method = m.method
     if method in SCRIPTED:
-        used = None if method == "expert" else settings_of(task_name, split, settings)
-        return method, results.facts_of(None, used)
-    method = methods.canonical(method)
-    if checkpoint is None:
-        raise ValueError(f"{method} needs --checkpoint")
-    return method, results.facts_of(read_card(checkpoint), _acting_config(checkpoint, method))
+        facts |= results.facts_of(None, None if method == "expert" else m.settings)
+    else:
+        method = methods.canonical(method)
+        config = m.acting_config
+        facts |= results.facts_of(read_card(m.checkpoint), config)
+    names = {"method": method, "task": m.task, "episodes": m.episodes, **facts}
+    results.check_rows([names | kind for kind in kinds], path, identity)  # Before hours of measuring, not after them.
+    episodes = evaluate(m, processes)
+    rows = rows_of(method, m.task, episodes, facts)
+    results.file_rows(rows, path, identity)
+    return rows, [f"episode {episode.index}: {episode.error}" for episode in episodes if episode.error]

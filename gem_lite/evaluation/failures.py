@@ -6,13 +6,16 @@ The policy never sees this truth.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gem_lite import tasks
 from gem_lite.actions import Action, ExpertAction, Push
-from gem_lite.policies.base import Choice, PickPlacePolicy
+from gem_lite.evaluation.rollout import Observations, rollout
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.choices import Choice
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.environment import body_at
 from gem_lite.simulation.world import World
@@ -80,26 +83,21 @@ def first_failure(
         ValueError: unknown task or split.
     """
     task = tasks.make(task_name, split)
-    lifted: list[str] = []
+    before: list[tuple[ExpertAction, tuple[str, ...]]] = []
 
-    def record_lifted_body(moment: str) -> None:
-        if moment == "picked" and world.effector.held is not None:
-            lifted.append(task.names[world.effector.held])
-
-    (observation,) = world.reset(task, tasks.episode_seed(split, index))
-    done = False
-    while not done:
-        lifted.clear()
-        choice = policy.decide(observation, task.instruction)
+    def actor(world: World, observations: Observations, empty_picks: Sequence[Pose2]) -> Choice:
+        choice = policy.decide(observations[0], task.instruction, empty_picks)
         expert = task.expert(world)
-        right_pick, right_place = (thing_at(world, pose) for pose in ends(expert.action))
-        picked, place = (thing_at(world, pose) for pose in ends(choice.action))
-        step = world.step(choice.action, record_lifted_body)
-        if np.isclose(step.reward, 0) or step.reward < 0:
-            if lifted:
-                picked = lifted[0]
-            cause = reason(choice, expert, (right_pick, right_place), (picked, place), step.grasped)
-            return Failure(index, world.steps_taken, choice, cause)
-        (observation,) = step.observations
-        done = step.done
+        poses = (*ends(expert.action), *ends(choice.action))
+        before.append((expert, tuple(thing_at(world, pose) for pose in poses)))
+        return choice
+
+    for number, turn in enumerate(rollout(world, task, tasks.episode_seed(split, index), actor)):
+        result = turn.result
+        if np.isclose(result.reward, 0) or result.reward < 0:
+            expert, (right_pick, right_place, picked, place) = before[number]
+            if result.held is not None:
+                picked = task.names[result.held]
+            cause = reason(turn.decision, expert, (right_pick, right_place), (picked, place), result.grasped)
+            return Failure(index, world.steps_taken, turn.decision, cause)
     return None

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite import tasks
+from gem_lite.evaluation import actors
+from gem_lite.evaluation.rollout import rollout
 from gem_lite.simulation.world import World
 
 
@@ -38,18 +40,13 @@ def play(world: World, task_name: str, index: int = 0, split: tasks.Split = "tes
         ValueError: the task or the split is unknown.
     """
     task = tasks.make(task_name, split)
-    (observation,) = world.reset(task, tasks.episode_seed(split, index))
-    sentences: dict[str, None] = {}
-    actions = 0
-    while (expert := task.expert(world)) is not None:
-        sentences[task.instruction] = None
-        step = world.step(expert.action, last_look=False)
-        actions += 1
-        if step.done:
-            break
+    turns = [
+        (turn.instruction, turn.observations[0].views[0].rgb)
+        for turn in rollout(world, task, tasks.episode_seed(split, index), actors.expert)
+    ]
+    sentences = tuple(dict.fromkeys(sentence for sentence, _ in turns))
     (last,) = world.observe()
-    front, end = (observation.views[0].rgb, last.views[0].rgb)
-    return ExpertStory(task_name, tuple(sentences), front, end, task.score(world), actions)
+    return ExpertStory(task_name, sentences, turns[0][1], last.views[0].rgb, task.score(world), len(turns))
 
 
 def stories(names: Sequence[str]) -> Iterator[ExpertStory]:

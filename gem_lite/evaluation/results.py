@@ -60,6 +60,8 @@ class Episode:
         subsets: the sets of episodes, besides all, to which it belongs (`Task.subsets`).
         placed_decisions: actions chosen while a body lay where the sentences want it (`Task.placed`).
         retaken: how many of these picked such a body.
+        error: why the robot could not act; empty if it could.
+        condition: how the robot knew where the tables are, a `table_poses.Condition`; None at one table.
     """
 
     index: int
@@ -68,6 +70,8 @@ class Episode:
     subsets: tuple[str, ...]
     placed_decisions: int = 0
     retaken: int = 0
+    error: str = ""
+    condition: tuple | None = None
 
 
 # Writing

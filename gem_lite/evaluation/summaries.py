@@ -11,7 +11,7 @@ import numpy as np
 
 from gem_lite import tasks
 from gem_lite.config import MULTI_TASK
-from gem_lite.evaluation import evaluate, results, statistics
+from gem_lite.evaluation import actors, results, statistics
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.policies import methods
@@ -180,8 +180,8 @@ def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:
         "seeds": methods of which a task has several training seeds. A table without rows is left out.
     """
     rows = [row for row in rows if (row["split"], row["subset"], row["world"]) == ("test", "all", HOME.name)]
-    scripted = [row for row in rows if row["method"] in evaluate.SCRIPTED]
-    trained = [row for row in rows if row["method"] not in evaluate.SCRIPTED]
+    scripted = [row for row in rows if row["method"] in actors.SCRIPTED]
+    trained = [row for row in rows if row["method"] not in actors.SCRIPTED]
     endings = {name: methods.split(name) for name in {row["method"] for row in trained}}
     whole = [row for row in trained if row["seed"] == 0 and set(endings[row["method"]][1]) <= {MULTI_TASK}]
     of_gem = [row for row in trained if endings[row["method"]][0] == "gem" and (row["seed"], row["demos"]) == (0, 10)]

@@ -7,74 +7,43 @@ and from the demonstration to the loss.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
 from torch import nn
-from tqdm import tqdm
 
 from gem_lite import config as configuration
 from gem_lite import language
-from gem_lite.actions import Action, PickPlace, Push
+from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import ImageQuery, Queries, Query
 from gem_lite.maps import locations
-from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, numbered
+from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
-from gem_lite.policies.gates import Gate, best_cell, gated, unmoved, untried
-from gem_lite.policies.samples import Cell, Inputs, PreparedStep, Sample, collate, cross_entropy, label, right_bins
+from gem_lite.policies.choices import Choice, TablesChoice
+from gem_lite.policies.gates import Gate, gated, unmoved, untried
+from gem_lite.policies.samples import (
+    Cell,
+    Inputs,
+    PreparedStep,
+    Sample,
+    collate,
+    cross_entropy,
+    label,
+    numbered_steps,
+    right_bins,
+)
+from gem_lite.policies.several_tables import best_cell
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
-
-
-def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey, DemonstrationStep]]:
-    """Every step with the key of its episode, one episode at a time: a large set need not fit into memory.
-
-    Raises:
-        ValueError: a step has other cameras than the steps before it.
-    """
-    expected: set[str] = set()
-    for key, demonstration in tqdm(numbered(demos), "scenes", len(demos), unit="episode"):
-        for step in demonstration.steps:
-            cameras = {view.camera.name for view in step.observation.views}
-            if not expected:
-                expected = cameras
-            if cameras != expected:
-                raise ValueError(
-                    f"demonstration {key[1]} of {key[0]} (seed {demonstration.seed}) has a step with the views of "
-                    f"{', '.join(sorted(cameras))}, but the steps before it have the views of "
-                    f"{', '.join(sorted(expected))}; leave it out or collect it again"
-                )
-            yield key, step
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A decision, and the logits from which it was made.
-
-    ``pick_logits`` and ``place_logits`` are (R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
-    best logit among the allowed ones (`PickPlacePolicy.choose`).
-    """
-
-    instruction: str
-    queries: Queries
-    heightmap: HeightMap
-    pick_logits: np.ndarray
-    place_logits: np.ndarray
-    pick_cell: tuple[int, int, int]
-    place_cell: tuple[int, int, int]
-    action: Action
 
 
 class Scene(Protocol):
@@ -98,6 +67,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
     Attributes:
         method: the method's name, without the endings of its ablations.
         Config: the class of its configurations.
+        choice: the class of its decisions.
+        one_kernel: whether it scores one kernel against the features of each of several tables (`decide_over`).
         pick, place: its two trainable modules.
         memory: the demonstrations' crops, for a method that retrieves them.
         parser: the reader of instructions.
@@ -112,6 +83,8 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     method: ClassVar[str]
     Config: ClassVar[type[configuration.Config]]
+    choice: ClassVar[type[Choice]] = Choice
+    one_kernel: ClassVar[bool] = False
     pick: nn.Module
     place: nn.Module
 
@@ -295,51 +268,95 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     def decide(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Choice:
         """As `act`, with the logits from which the action was read."""
-        queries = self.read(instruction)
-        scene = self.embed(observation.views)
-        inputs = self.inputs(scene, queries)
-        gates = self.gates(observation.views, inputs, queries)
-        return self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks, gates)
+        chosen, (details,) = self._decide([observation], instruction, empty_picks)
+        return self.choice(**vars(chosen.first()), **details)
 
-    @torch.inference_mode()
+    def decide_over(
+        self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2] = ()
+    ) -> TablesChoice:
+        """As `decide`, over several tables, of which each keeps away from ``empty_picks``.
+
+        Raises:
+            ValueError: see `check_tables`; there is no observation, or the parser refuses the instruction.
+        """
+        self.check_tables()
+        if not observations:
+            raise ValueError("observations is empty: there must be one for each table")
+        return self._decide(observations, instruction, empty_picks)[0]
+
+    def _decide(
+        self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2]
+    ) -> tuple[TablesChoice, Sequence[dict[str, Any]]]:
+        queries = self.read(instruction)
+        scenes = [self.embed(observation.views) for observation in observations]
+        inputs, details = zip(*(self.explained_inputs(scene, queries) for scene in scenes), strict=True)
+        gates = [self.gates(one.views, of, queries) for one, of in zip(observations, inputs, strict=True)]
+        heightmaps = [scene.heightmap for scene in scenes]
+        return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates), details
+
+    def explained_inputs(self, scene: SceneT, queries: Queries) -> tuple[Inputs, dict[str, Any]]:
+        """The `inputs`, and the entries that `choice` has besides those of `Choice`."""
+        return self.inputs(scene, queries), {}
+
+    def check_tables(self) -> None:
+        """Check that the method can choose over several tables. Raises ValueError if it cannot."""
+        if not self.one_kernel:
+            raise ValueError(
+                "policy must be a gem policy or one of its ablations to choose over several tables, got "
+                f"{self.name}: it makes no kernel that is scored against the features of every table"
+            )
+
     def choose(
         self, instruction: str, queries: Queries, heightmap: HeightMap, inputs: Inputs,
-        empty_picks: Sequence[Pose2] = (), gates: Mapping[str, Gate] = MappingProxyType({}),
+        empty_picks: Sequence[Pose2] = (), gates: Mapping[str, Gate] | None = None,
     ) -> Choice:  # fmt: skip
-        """The best pick, then the best place for it.
+        """`choose_over` one table."""
+        return self.choose_over(instruction, queries, [heightmap], [inputs], empty_picks, [gates or {}]).first()
+
+    @torch.inference_mode()
+    def choose_over(
+        self, instruction: str, queries: Queries, heightmaps: Sequence[HeightMap], tables: Sequence[Inputs],
+        empty_picks: Sequence[Pose2], gates: Sequence[Mapping[str, Gate]],
+    ) -> TablesChoice:  # fmt: skip
+        """The best pick over all tables, then the best place for it.
 
         A pick keeps away from empty picks, as long as that leaves a cell. Pick and place keep to their ``gates``. No
-        act ends where it begins: a push ends in another cell, a pick and place in another cell or turned.
+        act ends where it begins: a push ends in another cell, a pick and place in another cell or turned. A push stays
+        on its table.
         """
         dtype = next(self.parameters()).dtype
         if dtype != torch.float32:
             raise ValueError(f"a policy computes in float32, got {dtype}: call its float() first")
-        inputs = collate([inputs], self.device)
-        with acting(self):
-            pick_logits = self.score_pick(inputs)[0].cpu()
-            pick_cell = best_cell(pick_logits, gated(gates.get("pick"), untried(empty_picks, self.config)))
-            place_logits = self.score_place(inputs, torch.tensor([pick_cell[1:]]))[0].cpu()
-        everywhere = torch.ones(place_logits.shape[1:], dtype=torch.bool)
-        allowed = gated(gates.get("place"), everywhere) & ~unmoved(place_logits.shape, pick_cell[1:], queries.push)
-        place_cell = best_cell(place_logits, allowed)
+        inputs = collate(tables, self.device)
+        everywhere = torch.ones((len(tables), *self.config.workspace.shape), dtype=torch.bool)
+        training = self.training
+        self.eval()  # Afterwards in the mode of before: a policy may act between two training steps.
+        try:
+            pick_logits = self.score_picks(inputs).cpu()
+            pickable = gated(gates, "pick", everywhere & untried(empty_picks, self.config))
+            pick_table, pick_cell = best_cell(pick_logits, pickable[:, None])
+            place_logits = self.score_places(inputs, pick_table, pick_cell[1:]).cpu()
+        finally:
+            self.train(training)
+        placeable = gated(gates, "place", everywhere)[:, None].repeat(1, place_logits.shape[1], 1, 1)
+        placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
+        if queries.push:  # A blade does not leave its table.
+            placeable[torch.arange(len(tables)) != pick_table] = False
+        place_table, place_cell = best_cell(place_logits, placeable)
         workspace = self.config.workspace
-        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angle_bins(len(pick_logits))[pick_cell[0]])
+        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angle_bins(pick_logits.shape[1])[pick_cell[0]])
         # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.
-        delta = angle_bins(len(place_logits))[place_cell[0]]
+        delta = angle_bins(place_logits.shape[1])[place_cell[0]]
         place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + delta)
-        return Choice(
-            instruction, queries, heightmap, pick_logits.numpy(), place_logits.numpy(), pick_cell, place_cell,
-            Push(pick, place) if queries.push else PickPlace(pick, place),
+        return TablesChoice(
+            instruction, queries, tuple(heightmaps), collate(tables), pick_logits.numpy(), place_logits.numpy(),
+            pick_table, pick_cell, pick, place_table, place_cell, place,
         )  # fmt: skip
 
+    def score_picks(self, inputs: Inputs) -> torch.Tensor:
+        """Logits (N, R, H, W) of a pick on N tables where the policy acts; N is 1 without `one_kernel`."""
+        return self.score_pick(inputs)
 
-@contextlib.contextmanager
-def acting(policy: nn.Module) -> Iterator[None]:
-    """In evaluation mode; afterwards in the mode of before, so that a policy may act between two training steps."""
-    training = policy.training
-    if training:
-        policy.eval()
-    try:
-        yield
-    finally:
-        policy.train(training)
+    def score_places(self, inputs: Inputs, table: int, pixel: tuple[int, int]) -> torch.Tensor:
+        """Logits (N, R, H, W) of a place on N tables after a pick at a table's pixel; N is 1 without `one_kernel`."""
+        return self.score_place(inputs, torch.tensor([pixel]))

@@ -7,7 +7,7 @@ so, too: `RivalGates`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,15 +29,11 @@ THING = 0.3
 
 @dataclass(frozen=True)
 class Gate:
-    """A semantic map and the heights (m) below it, (H, W), that restrict where a policy acts. No network reads them."""
+    """A semantic map and the heights (m) below it, (H, W), for `near_peak`. No network reads them."""
 
     semantic: torch.Tensor
     height: torch.Tensor
     config: MapConfig
-
-    def cells(self, allowed: torch.Tensor) -> torch.Tensor:
-        """The ``allowed`` cells (H, W) that are left, see `near_peak`."""
-        return near_peak(self.semantic, self.height, allowed, self.config)
 
 
 def near_peak(
@@ -95,9 +91,16 @@ def untried(empty_picks: Sequence[Pose2], config: Config) -> torch.Tensor:
     return torch.from_numpy(far if far.any() else np.ones_like(far))
 
 
-def gated(gate: Gate | None, allowed: torch.Tensor) -> torch.Tensor:
-    """The ``allowed`` cells (H, W) that a gate leaves; all of them without a gate."""
-    return allowed if gate is None else gate.cells(allowed)
+def gated(gates: Sequence[Mapping[str, Gate]], role: str, allowed: torch.Tensor) -> torch.Tensor:
+    """The ``allowed`` cells (N, H, W) that the gates of N tables leave for a role; all of them without such gates.
+
+    The highest value of a map is the highest on all tables.
+    """
+    of_role = [gates_of_table[role] for gates_of_table in gates if role in gates_of_table]
+    if not of_role:
+        return allowed
+    semantic, height = (torch.stack(maps) for maps in ([g.semantic for g in of_role], [g.height for g in of_role]))
+    return near_peak(semantic, height, allowed, of_role[0].config)
 
 
 def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Tensor:
@@ -108,13 +111,6 @@ def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Te
     here = torch.zeros(tuple(shape), dtype=torch.bool)
     here[slice(None) if push else 0, pick[0], pick[1]] = True
     return here
-
-
-def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, int, int]:
-    """(angle, row, col) of the largest logit of (R, H, W) among the ``allowed``, (H, W) or (R, H, W) bool."""
-    masked = logits.masked_fill(~allowed, -torch.inf)
-    angle, row, col = np.unravel_index(int(masked.argmax()), masked.shape)
-    return int(angle), int(row), int(col)
 
 
 class RivalGates:

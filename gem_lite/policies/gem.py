@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +19,8 @@ from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
-from gem_lite.policies.base import Choice, PickPlacePolicy
+from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.choices import Choice
 from gem_lite.policies.gates import Gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
@@ -35,8 +37,7 @@ from gem_lite.policies.samples import (
     to_rgbd,
 )
 from gem_lite.rgbd.camera import View
-from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Pose2, angle_bins
+from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel
 from gem_lite.steerable.correlation import continued, correlate, sample_parts
 from gem_lite.steerable.loss import sampled_cross_entropy
@@ -141,6 +142,8 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
 
     method = "gem"
     Config = GemConfig
+    choice = Decision
+    one_kernel = True
     config: GemConfig
     pick: PickModule
     place: PlaceModule
@@ -178,9 +181,16 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
 
     @override
     def inputs(self, scene: SceneEmbedding, queries: Queries) -> Inputs:
+        return self.explained_inputs(scene, queries)[0]
+
+    @override
+    def explained_inputs(self, scene: SceneEmbedding, queries: Queries) -> tuple[Inputs, dict[str, Any]]:
         pick = self.maps(scene, queries.pick)
         place = self.maps(scene, queries.place)
-        return self._inputs(scene, queries, pick.fused, place.fused)
+        return self._inputs(scene, queries, pick.fused, place.fused), {
+            "pick_text": pick.text, "pick_image": pick.image, "pick_map": pick.fused,
+            "place_text": place.text, "place_image": place.image, "place_map": place.fused,
+        }  # fmt: skip
 
     def _inputs(self, scene: SceneEmbedding, queries: Queries, pick: np.ndarray, place: np.ndarray) -> Inputs:
         return Inputs(rgbd=to_rgbd(scene.heightmap), maps=_maps_by_role(pick, place), words=self.words(queries))
@@ -245,20 +255,23 @@ class Policy(PickPlacePolicy[SceneEmbedding]):
         return crop_at(torch.cat([inputs.rgbd, inputs.maps["pick"]], dim=1), picks, self.config.crop)
 
     @override
-    def decide(
-        self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()
-    ) -> Decision:
-        queries = self.read(instruction)
-        scene = self.embed(observation.views)
-        pick = self.maps(scene, queries.pick)
-        place = self.maps(scene, queries.place)
-        inputs = self._inputs(scene, queries, pick.fused, place.fused)
-        gates = self.gates(observation.views, inputs, queries)
-        return Decision(
-            **vars(self.choose(str(instruction), queries, scene.heightmap, inputs, empty_picks, gates)),
-            pick_text=pick.text, pick_image=pick.image, pick_map=pick.fused,
-            place_text=place.text, place_image=place.image, place_map=place.fused,
-        )  # fmt: skip
+    def score_picks(self, inputs: Inputs) -> torch.Tensor:
+        return self._score_tables(self.pick, inputs, "pick", self.pick.kernel(inputs.words["pick"][:1]))
+
+    @override
+    def score_places(self, inputs: Inputs, table: int, pixel: tuple[int, int]) -> torch.Tensor:
+        scene = torch.cat([inputs.rgbd, inputs.maps["pick"]], dim=1)[table : table + 1]
+        crop = crop_at(scene, torch.tensor([pixel]), self.config.crop)
+        return self._score_tables(self.place, inputs, "place", self.place.kernel(crop))
+
+    def _score_tables(self, module: ActionModule, inputs: Inputs, role: str, kernel: torch.Tensor) -> torch.Tensor:
+        """Logits (N, R, H, W) of one kernel (1, C, h, h) against the features of N tables, with the maps of a role."""
+        # One table after the other: a batch of convolutions is rounded differently, and is no faster on a CPU.
+        features = [
+            module.features(rgbd[None], semantic[None], words[None])
+            for rgbd, semantic, words in zip(inputs.rgbd, inputs.maps[role], inputs.words[role], strict=True)
+        ]
+        return module.score(torch.cat(features), kernel)
 
 
 def _maps_by_role(pick: np.ndarray, place: np.ndarray) -> dict[str, torch.Tensor]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from torch import nn
+from tqdm import tqdm
 
 from gem_lite.actions import PickPlace, Push, equal_yaws
 from gem_lite.config import Config
-from gem_lite.demonstrations import DemonstrationStep
+from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.maps.crop_memory import EpisodeKey, numbered
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.steerable.loss import LOWEST
@@ -125,6 +127,27 @@ def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inpu
         features=stack_by_name([inputs.features for inputs in items]),
         words=stack_by_name([inputs.words for inputs in items]),
     )
+
+
+def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey, DemonstrationStep]]:
+    """Every step with the key of its episode, one episode at a time: a large set need not fit into memory.
+
+    Raises:
+        ValueError: a step has other cameras than the steps before it.
+    """
+    expected: set[str] = set()
+    for key, demonstration in tqdm(numbered(demos), "scenes", len(demos), unit="episode"):
+        for step in demonstration.steps:
+            cameras = {view.camera.name for view in step.observation.views}
+            if not expected:
+                expected = cameras
+            if cameras != expected:
+                raise ValueError(
+                    f"demonstration {key[1]} of {key[0]} (seed {demonstration.seed}) has a step with the views of "
+                    f"{', '.join(sorted(cameras))}, but the steps before it have the views of "
+                    f"{', '.join(sorted(expected))}; leave it out or collect it again"
+                )
+            yield key, step
 
 
 def label(step: DemonstrationStep, inputs: Inputs, config: Config) -> Sample:

@@ -36,15 +36,20 @@ class Step:
         observations: one for each table, after the action; none if nobody wants to look after the last one.
         reward: the change of the task's score, in [-1, 1].
         done: whether the episode is over.
-        grasped: whether the tool held a body; False for a push.
+        held: the id of the body that the tool held; None if it held nothing, and for a push.
         trace: the states of the tool during the action.
     """
 
     observations: tuple[Observation, ...]
     reward: float
     done: bool
-    grasped: bool
+    held: int | None
     trace: tuple[GripperState, ...]
+
+    @property
+    def grasped(self) -> bool:
+        """Whether the tool held a body; False for a push."""
+        return self.held is not None
 
 
 class Environment(ABC):
@@ -133,11 +138,15 @@ class Environment(ABC):
         self.check(action)
         if watch is None:
             watch = _ignore
-        grasped = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
+        held = None
+        if isinstance(action, Push):
+            self._push(action, watch)
+        else:
+            held = self._pick_and_place(action, watch)
         reward, done = self.conclude()
         watch("placed")
         observations = self.observe() if last_look or not done else ()
-        return Step(observations, reward, done, grasped, tuple(self.effector.trace))
+        return Step(observations, reward, done, held, tuple(self.effector.trace))
 
     def check(self, action: Action) -> None:
         """Refuse an action that cannot be carried out.
@@ -174,23 +183,23 @@ class Environment(ABC):
             The table's pose in the base's frame, as the robot estimates it.
         """
 
-    def _pick_and_place(self, action: PickPlace, watch: Watch) -> bool:
+    def _pick_and_place(self, action: PickPlace, watch: Watch) -> int | None:
         table_pose = self.reach(action.pick_table)
         self.effector.trace.clear()
         grasped = self.effector.pick(self.base @ (table_pose @ action.pick), self.movable)
+        held = self.effector.held
         watch("picked")
         if grasped:
             if action.place_table != action.pick_table:
                 table_pose = self.reach(action.place_table)
             self.effector.place(self.base @ (table_pose @ action.place))
-        return grasped
+        return held
 
-    def _push(self, action: Push, watch: Watch) -> bool:
+    def _push(self, action: Push, watch: Watch) -> None:
         table_pose = self.reach(action.table)
         self.effector.trace.clear()
         self.effector.push(self.base @ (table_pose @ action.start), self.base @ (table_pose @ action.end))
         watch("pushed")
-        return False
 
     def conclude(self) -> tuple[float, bool]:
         """End an action: park the tool, let the bodies settle, score, and let the task go on to its next sentence.

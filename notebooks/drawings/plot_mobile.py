@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper, draw_zoom
 from gem_lite.evaluation.results import Score
-from gem_lite.policies.several_tables import MobileChoice, stitch
+from gem_lite.policies.choices import TablesChoice
+from gem_lite.policies.several_tables import stitch
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace
@@ -24,7 +25,7 @@ def draw_seams(ax: Axes, count: int, width: int) -> None:
         ax.axvline(seam * width - 0.5, color="white", lw=1.5)
 
 
-def show_stitched(choice: MobileChoice, clip_name: str) -> Figure:
+def show_stitched(choice: TablesChoice, clip_name: str) -> Figure:
     """The tables and the stitched action maps of pick and place: one scale, one best action over all tables.
 
     Each action map has the surroundings of its best cell once more, enlarged.

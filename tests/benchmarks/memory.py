@@ -15,7 +15,8 @@ import tempfile
 from pathlib import Path
 
 from gem_lite import clip, demonstrations
-from gem_lite.learning import collecting, train
+from gem_lite.evaluation import collecting
+from gem_lite.learning import train
 from gem_lite.policies import methods
 
 TASK = "stack-block-pyramid-seq-seen-colors"

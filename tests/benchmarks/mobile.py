@@ -9,7 +9,6 @@ import torch
 from timing import seconds
 
 from gem_lite import clip, tasks
-from gem_lite.policies import several_tables
 from gem_lite.policies.gem import Policy
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.samples import collate
@@ -33,13 +32,8 @@ def main() -> None:
     spent = []
     for count in COUNTS:
         several = collate([inputs] * count)
-
-        def stitched(several=several):
-            kernel = policy.pick.kernel(several.words["pick"][:1])
-            return several_tables.score_tables(policy.pick, several, "pick", kernel)
-
         one = collate([inputs])
-        together, logits = seconds(stitched, REPEATS)
+        together, logits = seconds(lambda several=several: policy.score_picks(several), REPEATS)
         apart, alone = seconds(lambda one=one, n=count: [policy.score_pick(one) for _ in range(n)], REPEATS)
         difference = max((logits[i : i + 1] - alone[i]).abs().max().item() for i in range(count))
         spent.append(together)

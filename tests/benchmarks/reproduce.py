@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 from gem_lite import clip, tasks
-from gem_lite.evaluation import evaluate, evaluate_mobile, results
+from gem_lite.evaluation import evaluate, results, table_poses
+from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.policies.checkpoints import read_card
 
 
@@ -20,15 +21,12 @@ def shipped() -> dict[str, Path]:
 
 def played_again(row: dict, checkpoint: Path, episodes: int) -> dict[str, float]:
     """Rewards by episode, as a row holds them."""
-    where = {"split": row["split"], "start": row["start"], "world": row["world"]}
-    if "tables" in row:
-        condition = evaluate_mobile.Condition(row["poses"], row["shift"], row["turn"])
-        outcomes = evaluate_mobile.measure(
-            checkpoint, row["task"], episodes, [condition], tables=row["tables"], **where,
-        )  # fmt: skip
-        return {str(outcome.episode): round(outcome.rewards[0], 4) for outcome in outcomes}
-    played = evaluate.evaluate(row["method"], row["task"], episodes, checkpoint=checkpoint, **where)
-    return {str(episode.index): round(episode.reward, 4) for episode in played}
+    conditions = [table_poses.Condition(row["poses"], row["shift"], row["turn"])] if "tables" in row else []
+    measurement = Measurement(
+        row["method"], row["task"], episodes, row["split"], row["start"], checkpoint, world=row["world"],
+        tables=row.get("tables", 1), conditions=conditions,
+    )  # fmt: skip
+    return {str(episode.index): round(episode.reward, 4) for episode in evaluate.evaluate(measurement)}
 
 
 def main() -> None:

@@ -8,6 +8,8 @@ from tqdm import tqdm
 
 from gem_lite import demonstrations, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
+from gem_lite.evaluation import actors
+from gem_lite.evaluation.rollout import rollout
 from gem_lite.files import writing
 from gem_lite.simulation import worlds
 from gem_lite.simulation.environment import Environment
@@ -21,26 +23,17 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
     Raises:
         ValueError: the task or the split is unknown, or there is more than one table.
     """
-    task = tasks.make(task_name, split)
     seed = tasks.episode_seed(split, index)
-    (observation,) = environment.reset(task, seed)
     steps = []
-    for _ in range(task.max_steps):
-        expert = task.expert(environment)
-        if expert is None:
-            break
-        instruction = task.instruction  # before the step, which may set the next one
-        result = environment.step(expert.action, last_look=False)
+    for turn in rollout(environment, tasks.make(task_name, split), seed, actors.expert):
+        (observation,) = turn.observations
         # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
         steps.append(
             DemonstrationStep(
-                demonstrations.quantized(observation), instruction, expert,
-                demonstrations.unpack(demonstrations.pack(result.trace)), result.reward,
+                demonstrations.quantized(observation), turn.instruction, turn.decision,
+                demonstrations.unpack(demonstrations.pack(turn.result.trace)), turn.result.reward,
             )
         )  # fmt: skip
-        if result.done:
-            break
-        (observation,) = result.observations
     return Demonstration(task_name, split, seed, tuple(steps), environment.style.name)
 
 

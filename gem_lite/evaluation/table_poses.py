@@ -1,0 +1,69 @@
+"""How a mobile robot knows where its tables are: through tags, through true poses, and through poses that are wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from gem_lite import tasks
+from gem_lite.evaluation import results
+from gem_lite.evaluation.results import Score
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import driving
+from gem_lite.simulation.mobile_world import MobileWorld
+
+TASKS = tasks.variants("object-sorting")
+_SHARED = (name for name in results.IDENTITY if name not in ("subset", "skipped"))
+IDENTITY = (*_SHARED, "tables", "poses", "shift", "turn")
+"""The entries that identify a row of these results."""
+
+
+class Condition(NamedTuple):
+    """How the robot knows where a table is.
+
+    Attributes:
+        poses: by its tag, or by the simulator's truth.
+        shift: metres by which the estimate is wrong, in a random direction.
+        turn: radians by which it is turned about the table's middle, to a random side.
+    """
+
+    poses: Literal["tags", "truth"]
+    shift: float = 0.0
+    turn: float = 0.0
+
+    def finder(self, rng: np.random.Generator) -> driving.Finder:
+        """The robot's way of finding a table, with a new random error for every table."""
+        find = driving.localise if self.poses == "tags" else driving.ask_simulator
+
+        def find_with_error(world: MobileWorld, table: int) -> Pose2:
+            direction = rng.uniform(-math.pi, math.pi)
+            error = Pose2(
+                self.shift * math.cos(direction), self.shift * math.sin(direction), self.turn * rng.choice([-1, 1])
+            )
+            return driving.disturbed(find, error)(world, table)
+
+        return find_with_error
+
+
+BOTH = (Condition("tags"), Condition("truth"))
+"""Without injected errors."""
+CURVE = (
+    *(Condition("tags", shift / 100) for shift in (1, 2, 3, 4)),
+    *(Condition("tags", 0.0, math.radians(turn)) for turn in (2, 4, 6, 8)),
+)
+"""Injected errors of the success curve."""
+
+
+def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
+    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
+
+    Raises:
+        LookupError: there is no such row, or see `results.pool`.
+    """
+    required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    required |= condition._asdict()
+    shown = ("tables", "world", "poses", "shift", "turn")
+    rows = results.read_rows(results.results_file(task))
+    return results.pool(results.select(rows, required, shown), identity=IDENTITY)
