@@ -89,7 +89,7 @@ def test_the_example_of_a_card_keeps_the_shipped_card_true():
 
 
 LIGHT = (
-    "demo", "verify", "pointing", "check-cameras", "look", "clip pretrain", "clip card", "clip calibrate",
+    "demo", "verify", "check-cameras", "look", "clip pretrain", "clip card", "clip calibrate",
     "results list", "results show",
 )  # fmt: skip
 """Commands whose help lists no names that torch's modules or the simulator's register."""
@@ -144,8 +144,6 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("several-tables none.safetensors --tables 0", "tables must be at least 1, got 0"),
         ("several-tables none.safetensors --tasks object-sorting-seen bars-in-box", "got 'bars-in-box'"),
         (f"several-tables {BOWL_POLICY}", "m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m"),
-        ("pointing --kind circles", "--kind must be one of bowls, shapes, got 'circles'"),
-        ("pointing --scenes 0", "scenes must be at least 1, got 0"),
         ("clip pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
         ("clip pretrain --seed -1", "seed must be at least 0, got -1"),
         ("clip pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
@@ -274,16 +272,6 @@ def test_several_tables(at_home, capsys):
     assert "object-sorting-seen, tags, 0.0 m, 0.0 rad: " in printed and "object-sorting-seen, truth, " in printed
     assert at_home("results", "show", "rows.jsonl") == 0
     assert capsys.readouterr().out.count("\n") == 2
-
-
-def test_pointing(at_home, capsys):
-    assert at_home("pointing", "--scenes", 1, "--kind", "shapes") == 0
-    printed = capsys.readouterr().out
-    assert "shapes, fused: near " in printed and "the rows are in runs/results/pointing.jsonl" in printed
-    assert at_home("pointing", "--scenes", 1, "--task", "packing-shapes-seen") == 0
-    assert "the map points at the named piece of packing-shapes-seen: " in capsys.readouterr().out
-    assert at_home("results", "show", "runs/results/pointing.jsonl", "--method", "fused") == 0
-    assert capsys.readouterr().out.startswith("shapes, fused: near ")
 
 
 def test_stored_results_are_listed_and_shown(capsys):

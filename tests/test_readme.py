@@ -1,6 +1,8 @@
-"""The Python of the README and of docs/installing.md runs as it stands there."""
+"""The Python of the README and of docs/installing.md runs as it stands there; what make does to users' files."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -35,3 +37,11 @@ def test_every_file_that_a_page_names_is_there():
     }
     assert len(named) > 20
     assert [entry for entry in sorted(named) if not (ROOT / entry[1]).exists()] == []
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_cleaning_keeps_what_users_trained():
+    command = ["make", "--no-print-directory", "--dry-run", "clean"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    removed = done.stdout.split()
+    assert removed[:2] == ["rm", "-rf"] and ".venv" in removed and "runs" not in removed

@@ -3,14 +3,16 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import failures
 import numpy as np
 import pytest
 
+from experiments.pointing import measure as pointing
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.demonstrations import ExpertAction
 from gem_lite.drawing import benchmark_page
-from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, failures, pointing, results, statistics
+from gem_lite.evaluation import benchmark, evaluate, evaluate_mobile, results, statistics
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies.base import Choice

@@ -21,7 +21,6 @@ COMMANDS = {
     "train": ("train", "Train", "train a method from demonstrations"),
     "evaluate": ("evaluate", "Evaluate", "measure a policy over episodes"),
     "several-tables": ("several_tables", "SeveralTables", "measure a policy over several tables"),
-    "pointing": ("pointing", "Pointing", "play the pointing game with the semantic maps"),
     "check-cameras": ("own_table", "CheckCameras", "say what is wrong with the cameras of your own table"),
     "look": ("own_table", "Look", "show what a policy sees on your own table"),
     "clip pretrain": ("clip", "Pretrain", "train the embedded CLIP from scratch"),
