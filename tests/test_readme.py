@@ -27,12 +27,14 @@ def test_the_python_of_a_page_runs(name, monkeypatch, capsys):
 
 
 def test_every_file_that_a_page_names_is_there():
-    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/*/*.md")]
+    folders = ("*.md", "docs/*.md", "notebooks/*.ipynb", "data/*/*.md", "experiments/*/*.md")
+    pages = [page for folder in folders for page in ROOT.glob(folder)]
     named = {
         (page.name, path)
         for page in pages
         for path in re.findall(
-            r"(?<![\w/])(?:gem_lite|tests|docs|data|notebooks)/[\w/.-]*\w\.(?:py|md|ipynb|csv)", page.read_text()
+            r"(?<![\w/])(?:gem_lite|tests|docs|data|notebooks|experiments)/[\w/.-]*\w\.(?:py|md|ipynb|csv)",
+            page.read_text(),
         )
     }
     assert len(named) > 20
