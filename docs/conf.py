@@ -21,6 +21,7 @@ include_patterns = [
     "docs/*.md",
     "build/api/*.rst",
     "notebooks/*.ipynb",
+    "experiments/*/README.md",
     "data/*/README.md",
     "experiments/benchmark/README.md",
     "*.md",

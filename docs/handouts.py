@@ -3,12 +3,13 @@
     python docs/handouts.py [FOLDER]
 
 The lessons stay as they are stored, with all outputs. Solutions are left out, and so are the answers of "Check
-yourself". Hints stay.
+yourself". Hints stay. What the lessons import from beside them is copied.
 """
 
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -32,7 +33,8 @@ def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
 
 def write(folder: Path) -> list[Path]:
     """Write the handouts of all lessons. Returns their files."""
-    folder.mkdir(parents=True, exist_ok=True)
+    beside = shutil.ignore_patterns("*.ipynb", "__pycache__", ".*")
+    shutil.copytree(ROOT / "notebooks", folder, ignore=beside, dirs_exist_ok=True)
     files = []
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         handout = without_solutions(nbformat.read(path, as_version=4))

@@ -27,6 +27,10 @@ def test_the_library_has_few_doors():
     assert len(entries) <= 22, sorted(path.name for path in entries)
 
 
+def test_data_holds_no_code():
+    assert not list((ROOT / "data").rglob("*.py"))
+
+
 def test_mypy_looks_at_all_that_is_below_the_simulator():
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
     (below,) = (c["source_modules"] for c in tools["importlinter"]["contracts"] if c["type"] == "forbidden")

@@ -26,7 +26,7 @@ DEMONSTRATIONS = str(clip.DATA / "demos" / f"{TASK}-10")
 BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 COMMANDS = (
-    "demo", "collect", "verify", "train", "evaluate", "several-tables", "pointing", "check-cameras", "look", "names",
+    "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "names",
     "clip calibrate", "results list", "results show",
 )  # fmt: skip
 
@@ -178,8 +178,6 @@ def test_unknown_commands_are_refused_with_the_nearest(capsys):
         ("several-tables none.safetensors --tables 0", "tables must be at least 1, got 0"),
         ("several-tables none.safetensors --tasks object-sorting-seen bars-in-box", "got 'bars-in-box'"),
         (f"several-tables {BOWL_POLICY}", "m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m"),
-        ("pointing --kind circles", 'Invalid value "circles" for --kind. Choose from: "bowls", "shapes".'),
-        ("pointing --scenes 0", "scenes must be at least 1, got 0"),
         ("clip calibrate .", "the CLIP folder '.' has no configuration: config.json is missing"),
         ("results show nothing", "there are no results named 'nothing'; there are: object-sorting, "),
         ("results show benchmark/bars-in-box --method nobody", "benchmark/bars-in-box has no such row"),
@@ -328,16 +326,6 @@ def test_several_tables(at_home, capsys):
     assert "object-sorting-seen, tags, 0.0 m, 0.0 rad: " in printed and "object-sorting-seen, truth, " in printed
     assert at_home("results", "show", "rows.jsonl") == 0
     assert capsys.readouterr().out.count("\n") == 2
-
-
-def test_pointing(at_home, capsys):
-    assert at_home("pointing", "--scenes", 1, "--kind", "shapes") == 0
-    printed = capsys.readouterr().out
-    assert "shapes, fused: near " in printed and "the rows are in runs/results/pointing.jsonl" in printed
-    assert at_home("pointing", "--scenes", 1, "--task", "packing-shapes-seen") == 0
-    assert "the map points at the named piece of packing-shapes-seen: " in capsys.readouterr().out
-    assert at_home("results", "show", "runs/results/pointing.jsonl", "--method", "fused") == 0
-    assert capsys.readouterr().out.startswith("shapes, fused: near ")
 
 
 def test_stored_results_are_listed_and_shown(capsys):

@@ -1,23 +1,22 @@
-"""The foreign world that acts (data/foreign-scenes/foreign_world.py): physics decides, and the pictures are right."""
+"""The foreign world that acts (notebooks/foreign_world): physics decides, and the pictures are right."""
 
 import math
-import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gem_lite import clip
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation, read_raw
 from gem_lite.se2 import Workspace, wrap
-
-sys.path.insert(0, str(clip.DATA / "foreign-scenes"))
-import foreign_world  # before mujoco: it chooses the renderer that needs no screen
-from make_scenes import Scene, Thing
+from notebooks import foreign_world
+from notebooks.foreign_world import tables
+from notebooks.foreign_world import world as acting
+from notebooks.foreign_world.tables import Scene, Thing, random_scene
 
 BLOCK, BOWL = (0.40, -0.25), (0.50, 0.20)
-PLAIN = Scene("plain", (0.36, 0.30, 0.24), (0.2, 0.5, 1.6), (
+PLAIN = Scene((0.36, 0.30, 0.24), (0.2, 0.5, 1.6), (
     Thing("red", "block", *BLOCK, 20), Thing("blue", "bowl", *BOWL), Thing("green", "block", 0.62, -0.35, 50),
     Thing("yellow", "bowl", 0.64, -0.08), Thing("orange", "mug", 0.36, 0.0, 140),
 ))  # fmt: skip
@@ -60,33 +59,34 @@ def put(world, number, x, y, z):
     """Set a thing somewhere by hand, at rest."""
     world._data.qpos[7 * number : 7 * number + 7] = x, y, z, 1, 0, 0, 0
     world._data.qvel[:] = 0
-    foreign_world.mujoco.mj_forward(world._model, world._data)
+    acting.mujoco.mj_forward(world._model, world._data)
 
 
 # Tables and pictures.
 
 
 def test_the_world_uses_nothing_of_gem_lite():
-    for name in ("foreign_world.py", "make_scenes.py"):
-        lines = (clip.DATA / "foreign-scenes" / name).read_text().splitlines()
-        assert not [line for line in lines if line.strip().startswith(("import ", "from ")) and "gem_lite" in line]
+    files = list(Path(foreign_world.__file__).parent.glob("*.py"))
+    lines = [line.strip() for file in files for line in file.read_text().splitlines()]
+    assert len(files) == 3
+    assert not [line for line in lines if line.startswith(("import ", "from ")) and "gem_lite" in line]
 
 
 def test_tables_are_as_described():
     assert not set(foreign_world.TRAIN_SEEDS) & set(foreign_world.TEST_SEEDS)
     counts = set()
     for seed in [*foreign_world.TRAIN_SEEDS[:100], *foreign_world.TEST_SEEDS[:100]]:
-        things = foreign_world.random_scene(seed).things
+        things = random_scene(seed).things
         colors = {kind: [t.color for t in things if t.kind == kind] for kind in ("block", "bowl")}
         assert all(len(set(found)) == len(found) for found in colors.values())
         others = len(things) - len(colors["block"]) - len(colors["bowl"])
         counts.add((len(colors["block"]), len(colors["bowl"]), others))
         for number, one in enumerate(things):
-            radius, border, _ = foreign_world.KINDS[one.kind]
+            radius, border, _ = tables.KINDS[one.kind]
             assert 0.25 + border <= one.x <= 0.75 - border and abs(one.y) <= 0.5 - border
             for other in things[:number]:
                 distance = math.hypot(one.x - other.x, one.y - other.y)
-                assert distance > radius + foreign_world.KINDS[other.kind][0]
+                assert distance > radius + tables.KINDS[other.kind][0]
     assert counts == {(blocks, bowls, others) for blocks in (2, 3, 4) for bowls in (2, 3) for others in (0, 1, 2)}
 
 
@@ -129,7 +129,7 @@ def test_pictures_keep_the_conventions_of_an_observation(seed, world, tmp_path):
 def test_the_expert_solves_by_physics(world):
     solved = 0
     for seed in foreign_world.TEST_SEEDS[:20]:
-        world.lay(foreign_world.random_scene(seed))
+        world.lay(random_scene(seed))
         assert not world.solved()
         solved += play(world, *world.expert()) and world.solved()
     assert solved >= 19
@@ -141,7 +141,7 @@ def test_heights_of_a_map_are_good_enough(world):
     ends = []
     for x, y, yaw in world.expert():
         row, col = workspace.to_pixel(x, y)
-        ends.append(foreign_world.tool_pose(x, y, yaw, float(heightmap.height[round(row), round(col)])))
+        ends.append(acting.tool_pose(x, y, yaw, float(heightmap.height[round(row), round(col)])))
     assert world.pick_place(*ends) and world.solved()
 
 
@@ -157,13 +157,13 @@ def test_only_the_picked_thing_moves(world):
 def test_an_empty_pick_holds_nothing(height, world):
     world.lay(PLAIN)
     before = poses(world)
-    assert not world.pick_place(foreign_world.tool_pose(0.5, -0.15, 0, height), world.on_surface(*BOWL, 0))
+    assert not world.pick_place(acting.tool_pose(0.5, -0.15, 0, height), world.on_surface(*BOWL, 0))
     assert np.allclose(before, poses(world), atol=1e-3) and world.held is None and not world.solved()
 
 
 def test_a_tool_that_stays_too_high_holds_nothing(world):
     world.lay(PLAIN)
-    low, high = (foreign_world.tool_pose(*BLOCK, 0, height) for height in (0.055, 0.062))
+    low, high = (acting.tool_pose(*BLOCK, 0, height) for height in (0.055, 0.062))
     assert not world.pick_place(high, world.on_surface(*BOWL, 0))
     assert world.pick_place(low, world.on_surface(*BOWL, 0)) and world.solved()
 

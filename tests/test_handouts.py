@@ -1,6 +1,8 @@
 """The students' edition of the lessons."""
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 import nbformat
@@ -15,7 +17,7 @@ def handouts(tmp_path_factory):
     spec = importlib.util.spec_from_file_location("handouts", ROOT / "docs" / "handouts.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    files = module.write(tmp_path_factory.mktemp("handouts"))
+    files = module.write(tmp_path_factory.mktemp("handouts") / "new")
     return [
         (nbformat.read(ROOT / "notebooks" / file.name, as_version=4), nbformat.read(file, as_version=4))
         for file in files
@@ -51,3 +53,11 @@ def test_hints_stay(handouts):
     for lesson, handout in handouts:
         hints = [sum(cell.source.count("<summary>Hint") for cell in notebook.cells) for notebook in (lesson, handout)]
         assert hints[0] == hints[1] > 0
+
+
+def test_what_lessons_import_lies_beside_the_handouts(tmp_path):
+    script = ROOT / "docs" / "handouts.py"
+    subprocess.run([sys.executable, script, tmp_path / "handouts"], check=True, stdout=subprocess.DEVNULL, timeout=600)
+    lessons = ROOT / "notebooks"
+    code = {path.relative_to(lessons) for path in lessons.rglob("*.py")}
+    assert code == {path.relative_to(tmp_path / "handouts") for path in (tmp_path / "handouts").rglob("*.py")}

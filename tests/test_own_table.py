@@ -1,7 +1,7 @@
 """A table of one's own: scenes in folders, wrong cameras, and what a shipped policy sees in foreign scenes.
 
-The scenes are rendered by another simulator (data/foreign-scenes/make_scenes.py). Their sentences were written before
-a policy had seen the scenes.
+The scenes are rendered by another simulator (experiments/foreign_table/make_scenes.py). Their sentences were written
+before a policy had seen the scenes.
 """
 
 import json

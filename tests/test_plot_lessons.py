@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 from drawings import plot_pick, plot_place, plot_results
+from failures import Failure
 from PIL import Image
 
 from gem_lite.actions import PickPlace
 from gem_lite.drawing import pictures
-from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choices import Choice
 from gem_lite.policies.samples import RGBD, Sample

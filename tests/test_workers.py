@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gem_lite.evaluation import evaluate, pointing, workers
+from gem_lite.evaluation import evaluate, workers
 from gem_lite.evaluation.evaluate import Measurement
 
 FATAL = 12
@@ -62,12 +62,6 @@ def test_an_evaluation_whose_process_is_killed_files_no_row(monkeypatch, tmp_pat
     with pytest.raises(ChildProcessError, match=r"expert on block-insertion: .* the episodes 3, 4 were being run"):
         evaluate.measure_and_file(Measurement("expert", "block-insertion", 2, start=3), path, processes=1)
     assert not path.exists()
-
-
-def test_a_pointing_game_whose_process_is_killed_ends(monkeypatch):
-    monkeypatch.setattr(pointing, "run_job", killed)
-    with pytest.raises(ChildProcessError, match="pointing, bowls: a process was killed"):
-        pointing.play("bowls", 2, None, processes=1)
 
 
 def alive(pid):

@@ -1,1 +1,1 @@
-"""Episodes, rows of results, statistics, the pointing game and failures."""
+"""Episodes, rows of results, statistics."""

@@ -119,7 +119,6 @@ KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "color": ("color_noise", "exposure", "white_balance"),
 })  # fmt: skip
 """The attributes that belong to each kind of error. Together they are all but the baseline."""
-NOT_SCALED = ("mixed", "invalid", "occlusion")
 
 NOMINAL = SensorErrors(
     disparity_noise=0.08, static_warp=0.10, unit_bias=0.1, ripple=0.001, thermal=0.002, lateral_jitter=0.5,
@@ -146,25 +145,6 @@ Ripple: Intel's subpixel linearity paper. Jitter: Halmetschlager-Funek and other
 published residuals. Guesses: as in `NOMINAL`, without the bias. Half a matching window of 9 pixels bounds fattening;
 dropout is near the 11 % that a D415 lost on a white wall (Curto and others 2022).
 """
-
-
-def only(kind: str, errors: SensorErrors = NOMINAL, factor: float = 1.0) -> SensorErrors:
-    """One kind of error alone, at ``factor`` times its size in ``errors``: for curves.
-
-    Fractions stop at 1. What becomes of edges, and occlusion, which is geometry, are not scaled.
-
-    Raises:
-        ValueError: ``kind`` is none of `KINDS`, or the factor is negative or not finite.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
-    if not (math.isfinite(factor) and factor >= 0):
-        raise ValueError(f"factor must be a finite number of at least 0, got {factor!r}")
-    chosen: dict = {name: getattr(errors, name) for name in KINDS[kind]}
-    for name in set(chosen) - set(NOT_SCALED):
-        value = chosen[name] * factor
-        chosen[name] = round(value) if "fattening" in name else min(value, 1.0) if name in SHARES else value
-    return SensorErrors(errors.baseline, **chosen)
 
 
 @dataclass(frozen=True)

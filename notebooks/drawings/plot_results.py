@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from failures import Failure
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
@@ -21,7 +22,6 @@ from gem_lite.drawing.plots import (
     action_map,
     bare,
 )
-from gem_lite.evaluation.failures import Failure
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choices import Choice
 from gem_lite.policies.samples import Sample, to_picture

@@ -1,20 +1,25 @@
 import dataclasses
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from shapely.geometry import Point
 
+from experiments.pointing import measure
 from gem_lite import clip, colors, tasks
-from gem_lite.evaluation import calibrating, pointing, pointing_scenes, results
-from gem_lite.evaluation.pointing import Pointing, point
-from gem_lite.evaluation.pointing_scenes import lay_out
+from gem_lite.evaluation import calibrating, results
 from gem_lite.maps import crop_memory
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import shapes
+from notebooks import pointing
+from notebooks.pointing import Pointing, lay_out, point
 
 SEED = tasks.episode_seed("val", 900_000)
 
@@ -27,7 +32,7 @@ def model():
 @pytest.fixture(scope="module")
 def scenes(world):
     """A scene of each kind that no result is made of."""
-    return {kind: lay_out(kind, world, SEED) for kind in pointing_scenes.KINDS}
+    return {kind: lay_out(kind, world, SEED) for kind in pointing.KINDS}
 
 
 def peak_at(x, y):
@@ -38,7 +43,7 @@ def peak_at(x, y):
     return semantic
 
 
-@pytest.mark.parametrize("kind", pointing_scenes.KINDS)
+@pytest.mark.parametrize("kind", pointing.KINDS)
 def test_a_seed_makes_one_scene(world, scenes, kind):
     again, other = lay_out(kind, world, SEED), lay_out(kind, world, SEED + 1)
     assert again.questions == scenes[kind].questions
@@ -49,17 +54,17 @@ def test_a_seed_makes_one_scene(world, scenes, kind):
 
 def test_pieces_differ_in_colour_or_shape_and_two_are_asked_for(world, scenes):
     # Ten of 140 pairs drawn without care would meet in about one scene of four.
-    for scene in [scenes["shapes"], *(pointing_scenes.lay_out_shapes(world, SEED + i) for i in range(2, 8))]:
-        assert len(scene.names) == len(set(scene.names.values())) == pointing_scenes.PIECES
+    for scene in [scenes["shapes"], *(pointing.lay_out_shapes(world, SEED + i) for i in range(2, 8))]:
+        assert len(scene.names) == len(set(scene.names.values())) == pointing.PIECES
         assert {name.split()[0] for name in scene.names.values()} <= set(colors.UNSEEN)
-        assert len(set(scene.questions)) == pointing_scenes.QUESTIONS
+        assert len(set(scene.questions)) == pointing.QUESTIONS
         assert all(len(scene.poses_of(name)) == 1 and phrase == name for phrase, name in scene.questions)
 
 
 def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
     counts = set()
     for seed in range(SEED, SEED + 4):
-        scene = pointing_scenes.lay_out_bowls(world, seed)
+        scene = pointing.lay_out_bowls(world, seed)
         (pick, block), (place, bowl) = scene.questions
         assert (pick, place) == (f"{block}s", bowl)
         assert world.task.instruction == f"put the {pick} in a {place}"
@@ -72,7 +77,7 @@ def test_right_bowls_and_blocks_are_all_of_the_named_colour(world):
     assert len(counts) > 1
 
 
-@pytest.mark.parametrize("kind", pointing_scenes.KINDS)
+@pytest.mark.parametrize("kind", pointing.KINDS)
 def test_masks_lie_where_the_bodies_are(scenes, kind):
     # Tells a mirrored, turned, shifted or half-a-cell wrong mask.
     scene, offsets = scenes[kind], []
@@ -129,9 +134,9 @@ def test_near_is_within_the_radius():
 
 def test_the_truth_reaches_no_map(scenes, model):
     scene = scenes["bowls"]
-    true = pointing.play_scene(scene, model, None)
+    true = measure.play_scene(scene, model, None)
     turned = dict(zip(scene.poses, [*list(scene.poses.values())[1:], next(iter(scene.poses.values()))], strict=True))
-    false = pointing.play_scene(dataclasses.replace(scene, poses=turned, above=np.zeros_like(scene.above)), model, None)
+    false = measure.play_scene(dataclasses.replace(scene, poses=turned, above=np.zeros_like(scene.above)), model, None)
     assert [(p.row, p.col) for p in true] == [(p.row, p.col) for p in false]
     assert [p.distance for p in true] != [p.distance for p in false]
     assert not any(p.exact for p in false)
@@ -142,23 +147,23 @@ def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, mode
     (known, _), (unknown, _) = scene.questions
     body = next(body for body, name in scene.names.items() if name == known)
     crop = crop_memory.cut(fuse_views(scene.views, LITE.workspace), scene.poses[body], LITE.top_patch)
-    found = pointing.play_scene(scene, model, CropMemory([CropEntry(known, crop, "t", 0)], model))
-    assert [p.map for p in found if p.phrase == known] == list(pointing.MAPS)
-    assert [p.map for p in found if p.phrase == unknown] == [name for name in pointing.MAPS if name != "image"]
+    found = measure.play_scene(scene, model, CropMemory([CropEntry(known, crop, "t", 0)], model))
+    assert [p.map for p in found if p.phrase == known] == list(measure.MAPS)
+    assert [p.map for p in found if p.phrase == unknown] == [name for name in measure.MAPS if name != "image"]
     fused, _, _, _, blended = ((p.row, p.col) for p in found if p.phrase == unknown)
     assert fused == blended
-    rows = {row["map"]: row for row in pointing.result_rows("shapes", found, {})}
+    rows = {row["map"]: row for row in measure.result_rows("shapes", found, {})}
     assert (rows["image"]["phrases"], rows["image"]["without_crop"]) == (1, 1)
     assert (rows["fused"]["phrases"], rows["fused"]["without_crop"]) == (2, 0)
     assert rows["fused"]["missed"] == [[p.seed, p.phrase] for p in found if p.map == "fused" and not p.near]
 
 
 def test_workers_play_as_this_process_does(world, model):
-    seeds = pointing_scenes.scene_seeds(1)
+    seeds = measure.scene_seeds(1)
     crops = [CropEntry("blue hexagon", np.full((20, 20, 3), 90, np.uint8), "t", 0)]
     memory = CropMemory(crops, model)
-    here = pointing.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
-    there = pointing.play("shapes", 1, memory, processes=1)
+    here = measure.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
+    there = measure.play("shapes", 1, memory, processes=1)
     # Other numbers of threads round differently: places agree to a thousandth of a cell, all else exactly.
     assert [(p.phrase, p.map, p.shown, p.exact) for p in here] == [(p.phrase, p.map, p.shown, p.exact) for p in there]
     places = [[(p.row, p.col, 100 * p.distance) for p in found] for found in (here, there)]
@@ -170,7 +175,7 @@ def test_rates_of_known_outcomes():
         return [Pointing(seed, str(i), "fused", 0, 0, 0, "", hit) for i, (seed, hit) in enumerate(outcomes)]
 
     def rate(outcomes):
-        return pointing.rate(pointings(outcomes), lambda p: p.exact)
+        return measure.rate(pointings(outcomes), lambda p: p.exact)
 
     perfect = rate([(seed, True) for seed in range(100)])
     assert (perfect["mean"], perfect["ci95"]) == (100.0, [96.4, 100.0])
@@ -189,25 +194,25 @@ def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
     path = tmp_path / "pointing.jsonl"
 
     def rows_of(fingerprint, hit, seeds=(3, 4)):
-        found = [Pointing(s, "red block", m, 0, 0, 0.5 - 0.5 * hit, "", hit) for s in seeds for m in pointing.MAPS]
+        found = [Pointing(s, "red block", m, 0, 0, 0.5 - 0.5 * hit, "", hit) for s in seeds for m in measure.MAPS]
         facts = {"world": "home", "clip": "tiny", "clip_fingerprint": fingerprint, "config": "lite"}
-        return pointing.result_rows("bowls", found, facts | {"config_hash": LITE.digest, "crops": 2})
+        return measure.result_rows("bowls", found, facts | {"config_hash": LITE.digest, "crops": 2})
 
     for fingerprint, hit in (("a", False), ("b", False), ("a", True)):
-        results.file_rows(rows_of(fingerprint, hit), path, pointing.IDENTITY)
+        results.file_rows(rows_of(fingerprint, hit), path, measure.IDENTITY)
     rows = results.read_rows(path)
-    assert len(rows) == 2 * len(pointing.MAPS)
+    assert len(rows) == 2 * len(measure.MAPS)
     for row in rows:
         expected = 100.0 * (row["clip_fingerprint"] == "a")
         assert row["exact"]["mean"] == row["within_20mm"]["mean"] == expected
         assert row["exact"]["by_scene"] == {"3": expected / 100, "4": expected / 100}
         assert (row["kind"], row["scenes"], row["scene_count"], row["seeds"]) == ("pointing", "bowls", 2, [3, 4])
     with pytest.raises(ValueError, match=r"holds a row over 2 episodes \(kind pointing, scenes bowls, map fused"):
-        results.file_rows(rows_of("a", True, seeds=(3,)), path, pointing.IDENTITY)
+        results.file_rows(rows_of("a", True, seeds=(3,)), path, measure.IDENTITY)
 
 
 def test_scenes_are_in_no_evaluation_and_no_calibration():
-    seeds = set(pointing_scenes.scene_seeds(1000))
+    seeds = set(measure.scene_seeds(1000))
     assert len(seeds) == 1000
     assert not seeds & {tasks.episode_seed("val", index) for index in range(calibrating.SCENES)}
     rows = results.stored_rows()
@@ -220,9 +225,9 @@ def test_scenes_are_in_no_evaluation_and_no_calibration():
 
 
 def test_crops_are_of_training_scenes_in_seen_colours(model, monkeypatch):
-    monkeypatch.setattr(pointing, "TRAINING_SCENES", 1)
-    memory = pointing.demonstrated_crops("shapes", model)
-    assert len(memory.entries) == pointing_scenes.PIECES
+    monkeypatch.setattr(measure, "TRAINING_SCENES", 1)
+    memory = measure.demonstrated_crops("shapes", model)
+    assert len(memory.entries) == pointing.PIECES
     assert {entry.phrase.split()[0] for entry in memory.entries} <= set(colors.SEEN)
     side = round(LITE.top_patch / LITE.pixel)
     for entry in memory.entries:
@@ -234,28 +239,49 @@ def test_crops_are_of_training_scenes_in_seen_colours(model, monkeypatch):
 
 def test_crops_of_demonstrations_are_of_what_was_named(demo_set, model, monkeypatch):
     folder, demos = demo_set
-    monkeypatch.setattr(pointing, "DEMONSTRATIONS", folder)
-    memory = pointing.demonstrated_crops("bowls", model)
+    monkeypatch.setattr(measure, "DEMONSTRATIONS", folder)
+    memory = measure.demonstrated_crops("bowls", model)
     named = {phrase for demo in demos for step in demo.steps for phrase in (step.phrases.pick, step.phrases.place)}
     assert {entry.phrase for entry in memory.entries} == named
     assert len(memory.entries) == 2 * sum(len(demo.steps) for demo in demos)
 
 
-def test_bad_arguments_are_named(world, model):
-    for call in (
-        lambda: lay_out("cups", world, 0),
-        lambda: pointing.play("cups", 1, None),
-        lambda: pointing.demonstrated_crops("cups", model),
-    ):
-        with pytest.raises(ValueError, match="kind must be one of bowls, shapes, got 'cups'"):
-            call()
-    with pytest.raises(ValueError, match="scenes must be at least 1, got 0"):
-        pointing.play("shapes", 0, None)
+def command(*words, folder):
+    line = [sys.executable, "-m", "experiments.pointing", *words]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    return subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, timeout=900)
+
+
+def test_the_command_measures_scenes_and_a_task(tmp_path):
+    done = command("--scenes", "1", "--kind", "shapes", folder=tmp_path)
+    assert "shapes, fused: near " in done.stdout and "the rows are in runs/results/pointing.jsonl" in done.stdout
+    done = command("--scenes", "1", "--task", "packing-shapes-seen", "--out", "rows.jsonl", folder=tmp_path)
+    assert "the map points at the named piece of packing-shapes-seen: " in done.stdout
+    assert [row["method"] for row in results.read_rows(tmp_path / "rows.jsonl")] == [measure.METHOD]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--kind", "circles"], "argument --kind: invalid choice: 'circles'"),
+        (["--task", "bars-in-box"], "argument --task: invalid choice: 'bars-in-box'"),
+        (["--scenes", "0"], "--scenes must be at least 1, got 0"),
+        (["--clip", "."], "the CLIP folder '.' has no configuration: config.json is missing"),
+    ],
+)
+def test_bad_values_end_in_one_sentence(words, sentence, tmp_path):
+    done = command(*words, folder=tmp_path)
+    assert done.returncode != 0 and sentence in done.stderr and "Traceback" not in done.stderr
+
+
+def test_no_other_kind_is_laid_out(world):
+    with pytest.raises(ValueError, match="kind must be one of bowls, shapes, got 'cups'"):
+        lay_out("cups", world, 0)
 
 
 def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world):
     for index in range(3):
-        scene = pointing_scenes.lay_out_packing(world, "packing-shapes-unseen", index)
+        scene = measure.lay_out_packing(world, "packing-shapes-unseen", index)
         assert scene.seed == tasks.episode_seed("test", index)
         (phrase, wanted) = scene.questions[0]
         assert wanted.lower().endswith(phrase) and len(scene.poses_of(wanted)) == 1
@@ -263,12 +289,10 @@ def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world)
 
 
 def test_packing_rows_count_maps_that_point_at_the_piece(model, monkeypatch, tmp_path):
-    found = pointing.play_packing("packing-shapes-seen", 2, model)
+    found = measure.play_packing("packing-shapes-seen", 2, model)
     assert [episode.index for episode in found] == [0, 1] and {e.reward for e in found} <= {0.0, 1.0}
     # A map that is highest on the bare corner of the table is right in no episode.
     corner = np.zeros(LITE.workspace.shape, np.float32)
     corner[:2, :2] = 1
-    monkeypatch.setattr(pointing.semantic_map, "text_conditioned_map", lambda *_: corner)
-    assert sum(e.reward for e in pointing.play_packing("packing-shapes-seen", 2, model)) == 0
-    with pytest.raises(ValueError, match="needs one of packing-shapes-seen"):
-        pointing.play_packing("bars-in-box", 2, model)
+    monkeypatch.setattr(measure.semantic_map, "text_conditioned_map", lambda *_: corner)
+    assert sum(e.reward for e in measure.play_packing("packing-shapes-seen", 2, model)) == 0

@@ -1,53 +1,15 @@
-"""A foreign world that acts: MuJoCo's tables of `make_scenes`, and a tool that picks and places by physics.
-
-Nothing here comes from gem_lite. The shapes, colours, lamps and cameras are those of the still scenes. Each episode
-asks for one thing: put the named block into the named bowl. Seeds 0 to 999 are for demonstrations (`TRAIN_SEEDS`),
-those from 10000 are for tests (`TEST_SEEDS`). Import it before mujoco: it chooses a renderer that needs no screen.
-
-    with ForeignWorld() as world:
-        look = world.reset(10_000)
-        pick, place = world.expert()
-        held = world.pick_place(world.on_surface(*pick), world.on_surface(*place))
-        print(world.sentence, world.solved())
-
-All things are free bodies. Bowls are hollow: boxes that are not drawn make their floor and their wall. Mugs, rings,
-stars and cylinders collide as prisms. The tool is a rod with a suction cup. It is not drawn: a robot's arm goes out of
-the way before the cameras look.
-"""
+"""A table of MuJoCo that acts: a tool picks and places by physics."""
 
 import math
-import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-os.environ.setdefault("MUJOCO_GL", "egl")
-
 import mujoco
 import numpy as np
-from make_scenes import CAMERAS, COLORS, SCENES, Scene, Thing, camera_pose, geoms, intrinsics, model_of, picture
 
-TRAIN_SEEDS, TEST_SEEDS = range(1000), range(10_000, 20_000)
-"""Seeds of tables for demonstrations, and of those for tests. None is in both."""
-NAMED = tuple(color for color in COLORS if color not in ("brown", "gray"))
-"""A brown block cannot be told from a table, nor a gray one from a white one: the lamps are bright."""
-X_LIMITS, Y_LIMITS = (0.25, 0.75), (-0.5, 0.5)
-"""The part of the table on which things lie (m)."""
-KINDS = {
-    "block": (0.034, 0.050, 0.06), "bowl": (0.083, 0.090, 0.25), "ball": (0.034, 0.034, 0.06),
-    "mug": (0.073, 0.073, 0.20), "cylinder": (0.028, 0.028, 0.07), "star": (0.055, 0.055, 0.06),
-    "ring": (0.046, 0.046, 0.05),
-}  # fmt: skip
-"""By kind: the radius of a circle around it, the least distance of its middle from the border (m), its mass (kg)."""
-PRISMS = {"bowl": (0.047, 0.005), "mug": (0.038, 0.085), "cylinder": (0.027, 0.070), "star": (0.045, 0.025),
-          "ring": (0.044, 0.032)}  # fmt: skip
-"""By kind: the inner radius and the height (m) of the prism as which it collides; of a bowl, that is the floor."""
-HIDDEN = 'group="3" condim="4"'
-"""Attributes of a shape that is not drawn, and against which things turn with friction."""
-GAP = 0.015
-"""The least distance (m) between two things' circles."""
-INNER = 0.078, 0.052
-"""The radius of a bowl's rim on its inner side, and its height above the table (m)."""
+from .tables import CAMERAS, INNER, Scene, camera_pose, free_body, intrinsics, model_of, picture, random_scene
+
 HOME = 0.32
 """The tool's tip travels at this height above the table (m)."""
 SUCTION, CLEAR = 0.010, 0.001
@@ -83,74 +45,6 @@ def tool_pose(x: float, y: float, yaw: float, z: float) -> np.ndarray:
     """(4, 4) pose of a tool that points down to the table (metres, radians)."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.array([[cos, sin, 0, x], [sin, -cos, 0, y], [0, 0, -1, z], [0, 0, 0, 1.0]])
-
-
-def random_scene(seed: int) -> Scene:
-    """The table of a seed. Its first thing is the named block, its second the named bowl."""
-    rng = np.random.default_rng(seed)
-    blocks, bowls = (rng.permutation(NAMED)[: rng.integers(2, most + 1)].tolist() for most in (4, 3))
-    others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)].tolist()
-    kinds = [(blocks[0], "block"), (bowls[0], "bowl"), *((c, "block") for c in blocks[1:])]
-    kinds += [(c, "bowl") for c in bowls[1:]] + [(str(rng.choice(NAMED)), kind) for kind in others]
-    table = np.array(SCENES[rng.integers(len(SCENES))].table) + rng.uniform(-0.02, 0.02)
-    lamp = np.array(SCENES[rng.integers(len(SCENES))].lamp) + rng.uniform(-0.1, 0.1, 3)
-    while (things := _spread(kinds, rng)) is None:
-        pass
-    return Scene(f"seed {seed}", tuple(table.round(4).tolist()), tuple(lamp.round(4).tolist()), tuple(things))
-
-
-def _spread(kinds: list[tuple[str, str]], rng: np.random.Generator) -> list[Thing] | None:
-    """Things at random places, none touching another; None if one found no place. Large ones choose first."""
-    placed: dict[int, Thing] = {}
-    for number in sorted(range(len(kinds)), key=lambda number: -KINDS[kinds[number][1]][0]):
-        color, kind = kinds[number]
-        radius, border, _ = KINDS[kind]
-        for _ in range(200):
-            x = rng.uniform(X_LIMITS[0] + border, X_LIMITS[1] - border)
-            y = rng.uniform(Y_LIMITS[0] + border, Y_LIMITS[1] - border)
-            if all(math.hypot(x - t.x, y - t.y) >= radius + KINDS[t.kind][0] + GAP for t in placed.values()):
-                placed[number] = Thing(color, kind, round(x, 5), round(y, 5), round(rng.uniform(-180, 180), 3))
-                break
-        else:
-            return None
-    return [placed[number] for number in range(len(kinds))]
-
-
-def prism(kind: str, mass: float) -> str:
-    """The prism of four crossed boxes as which a thing collides, as MJCF. Cylinders and hulls tremble on a box."""
-    radius, height = PRISMS[kind]
-    size = f"{radius} {radius * math.tan(math.pi / 8):.5f} {height / 2}"
-    look = f'size="{size}" pos="0 0 {height / 2}" mass="{mass / 4}" {HIDDEN}'
-    return f'<replicate count="4" euler="0 0 45"><geom type="box" {look}/></replicate>'
-
-
-def bowl_wall(mass: float, steps: int = 24) -> str:
-    """The wall with which a bowl collides, as MJCF: two rings of boxes."""
-    wall = ""
-    # The inner side of the wall from below to above, as (radius, height), and how thick it is.
-    for (r0, z0), (r1, z1), thick in (((0.045, 0.006), (0.066, 0.024), 0.0075), ((0.066, 0.024), INNER, 0.0045)):
-        length = math.hypot(r1 - r0, z1 - z0)
-        slope_r, slope_z = (r1 - r0) / length, (z1 - z0) / length
-        r, z = (r0 + r1) / 2 + slope_z * thick / 2, (z0 + z1) / 2 - slope_r * thick / 2
-        size = f"{length / 2:.5f} {r1 * math.tan(math.pi / steps):.5f} {thick / 2:.5f}"
-        pose = f'pos="{r:.5f} 0 {z:.5f}" xyaxes="{slope_r:.5f} 0 {slope_z:.5f} 0 1 0"'
-        look = f'size="{size}" {pose} mass="{mass / (2 * steps):.6f}" {HIDDEN}'
-        wall += f'<replicate count="{steps}" euler="0 0 {360 / steps}"><geom type="box" {look}/></replicate>'
-    return wall
-
-
-def free_body(number: int, thing: Thing) -> str:
-    """A thing that moves, as MJCF."""
-    mass = KINDS[thing.kind][2]
-    if thing.kind in PRISMS:
-        wall = bowl_wall(0.6 * mass) if thing.kind == "bowl" else ""
-        rest = prism(thing.kind, 0.4 * mass if wall else mass)
-        shapes = geoms(thing, 'contype="0" conaffinity="0" mass="0"') + rest + wall
-    else:
-        rolls = 'condim="6" friction="0.8 0.005 0.002"' if thing.kind == "ball" else 'condim="4"'
-        shapes = geoms(thing, f'{rolls} mass="{mass}"')
-    pose = f'pos="{thing.x} {thing.y} 0" euler="0 0 {thing.turn}"'
-    return f'<body name="thing{number}" {pose}><freejoint/>{shapes}</body>'
 
 
 def moving_model(scene: Scene) -> mujoco.MjModel:

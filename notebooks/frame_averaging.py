@@ -1,4 +1,4 @@
-"""A map that turns with its picture, by averaging over rotations (A.8.5), and a plain map's difference from it."""
+"""A map that turns with its picture, by averaging over rotations (A.8.5)."""
 
 from __future__ import annotations
 
@@ -50,13 +50,3 @@ def frame_averaged(
         weight += kept
         inside &= kept > 1 - 1e-4
     return (total / weight).astype(np.float32), inside
-
-
-def equivariance_error(score: Callable[[np.ndarray], np.ndarray], image: np.ndarray, rotations: int) -> float:
-    """Mean absolute difference of a plain map and its `frame_averaged` one (A.8.5: 0.02).
-
-    Taken over the cells that no rotation moves out of the picture, in the units of ``score``; the
-    arguments are those of `frame_averaged`.
-    """
-    averaged, inside = frame_averaged(score, image, rotations)
-    return float(np.abs(score(image) - averaged)[inside].mean())

@@ -1,8 +1,4 @@
-"""The pointing game: the centre of a map's highest plateau must lie on the thing that the phrase names.
-
-Nothing is trained for it. It follows Zhang et al., "Top-down Neural Attention by Excitation Backprop" (ECCV 2016).
-`pointing_scenes` makes the scenes and their phrases.
-"""
+"""The pointing game (notebooks/pointing.py) in many scenes, with every kind of semantic map, and its rows."""
 
 from __future__ import annotations
 
@@ -15,144 +11,97 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from gem_lite import clip, colors, demonstrations, tasks
+from gem_lite import clip, colors, demonstrations, language, tasks
 from gem_lite.clip import Clip
 from gem_lite.evaluation import results, statistics, workers
-from gem_lite.evaluation.pointing_scenes import (
-    PACKING,
-    Scene,
-    check_kind,
-    lay_out,
-    lay_out_packing,
-    lay_out_shapes,
-    scene_seeds,
-)
 from gem_lite.evaluation.results import Episode
-from gem_lite.evaluation.workers import CHUNK
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.maps.semantic_map import SceneEmbedding
-from gem_lite.policies.gem_config import LITE, GemConfig
-from gem_lite.rgbd.camera import View
+from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.simulation.world import World
+from notebooks.pointing import MATCHED, NEAR, WIDE, Pointing, Scene, lay_out, lay_out_shapes, point, scene_of
 
-MATCHED = "matched-single-view"
-"""A map from patches of the height map that are as wide as those of `WIDE` are on the table, on average."""
-WIDE = "wide-patches"
-"""A map of three views like "fused", from the paper's patches of 40 pixels (`embed_wide`)."""
 MAPS = ("fused", WIDE, "single-view", MATCHED, "image", "blended")
 """The text-conditioned maps of three views (the configuration's patches, and `WIDE`) and of the height map alone (its
 own patches, and `MATCHED`), the image-conditioned one, and Eq. 4."""
-RADIUS = 0.02
-"""A map is near a right body if it points at most this far (m, in x and y) from its centre: half a block."""
-NEAR = f"within_{1000 * RADIUS:.0f}mm"
+FIRST_SCENE = 3000
+"""Scene i comes from test seed ``FIRST_SCENE + i``: evaluations stay below, and calibration uses validation seeds."""
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TRAINING_SCENES = 10
 """Scenes of shapes, in seen colours, whose pieces stand for ten demonstrations' picks."""
+PACKING = ("packing-shapes-seen", "packing-shapes-unseen")
+"""Tasks in whose episodes the map alone is measured like a method: what would it pick?"""
 METHOD = "map-pointing"
 """The method's name in rows of what the map alone would pick (`measure_packing`)."""
 IDENTITY = ("kind", "scenes", "map", "world", "clip_fingerprint", "config", "config_hash", "crops", "plateau")
 """The entries that identify a row of the results."""
 
 
-@dataclass(frozen=True)
-class Pointing:
-    """The point at which one map pointed for one phrase.
-
-    Attributes:
-        row, col: the plateau's centre, in cells.
-        distance: metres, in x and y, from that point to the nearest right body's centre.
-        shown: the name of the body that is seen from above at that point, or "table".
-        exact: whether it is a right body.
-    """
-
-    seed: int
-    phrase: str
-    map: str
-    row: float
-    col: float
-    distance: float
-    shown: str
-    exact: bool
-
-    @property
-    def near(self) -> bool:
-        """Whether a right body's centre lies within `RADIUS`."""
-        return self.distance <= RADIUS
+def lay_out_packing(world: World, task_name: str, index: int) -> Scene:
+    """Test episode ``index`` of one of the `PACKING` tasks, as it begins; its question is the pick's phrase."""
+    task = tasks.make(task_name, "test")
+    seed = tasks.episode_seed("test", index)
+    views = world.reset(task, seed)[0].views
+    phrase = language.parse(task.instruction).pick
+    right_name = next(name for name in task.names.values() if name.lower().endswith(f" {phrase}"))
+    return scene_of(world, seed, views, task.names, ((phrase, right_name),))
 
 
-def play_packing(task_name: str, episodes: int, model: Clip, settings: GemConfig = LITE) -> list[Episode]:
-    """The first test episodes with the text-conditioned map alone; the reward is 1 if it is near (`RADIUS`), else 0.
+def play_packing(task_name: str, episodes: int, model: Clip) -> list[Episode]:
+    """The first test episodes of a `PACKING` task with the text-conditioned map alone; the reward is 1 if it is near.
 
     `Pointing.exact` is not used: the table is seen in the middle of a ring.
-
-    Raises:
-        ValueError: another task, or less than one episode.
     """
-    if task_name not in PACKING or episodes < 1:
-        raise ValueError(f"needs one of {', '.join(PACKING)} and at least 1 episode, got {task_name!r}, {episodes}")
     episodes_played = []
     with World() as world:
         for index in tqdm(range(episodes), desc=f"pointing, {task_name}", unit="episode"):
-            scene = lay_out_packing(world, task_name, index, settings)
+            scene = lay_out_packing(world, task_name, index)
             question = scene.questions[0]
-            embedding = semantic_map.embed_scene(scene.views, model, settings)
+            embedding = semantic_map.embed_scene(scene.views, model, LITE)
             semantic = semantic_map.text_conditioned_map(embedding, question[0], model)
-            pointing = point(semantic, "fused", scene, question, settings)
+            pointing = point(semantic, "fused", scene, question)
             episodes_played.append(Episode(index, float(pointing.near), 0, ()))
     return episodes_played
 
 
-def embed_wide(views: Sequence[View], model: Clip, settings: GemConfig = LITE) -> SceneEmbedding:
-    """A scene's side views in the paper's patches."""
-    return semantic_map.embed_scene(views, model, settings.ablated(f"with-{WIDE}"))
-
-
 def maps(
-    embedding: SceneEmbedding, wide: SceneEmbedding, phrase: str, model: Clip, memory: CropMemory | None,
-    settings: GemConfig = LITE,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    embedding: SceneEmbedding, wide: SceneEmbedding, phrase: str, model: Clip, memory: CropMemory | None
+) -> dict[str, np.ndarray]:
     """All `MAPS` (H, W) of a phrase by name; without "image" where retrieval finds no crop.
 
     Args:
-        wide: the same scene by `embed_wide`.
+        wide: the same scene in the paper's patches.
     """
     text = semantic_map.text_conditioned_map(embedding, phrase, model)
     image = semantic_map.image_conditioned_map(embedding, phrase, model, memory)
-    matched = semantic_map.with_top_patches(embedding, model, settings.ablated(f"with-{MATCHED}"))
+    matched = semantic_map.with_top_patches(embedding, model, LITE.ablated(f"with-{MATCHED}"))
     by_name = {
         "fused": text,
         WIDE: semantic_map.text_conditioned_map(wide, phrase, model),
         "single-view": semantic_map.single_view_map(embedding, phrase, model),
         MATCHED: semantic_map.single_view_map(matched, phrase, model),
         "image": image,
-        "blended": semantic_map.fuse(text, image, settings.text_weight, settings.image_weight),
+        "blended": semantic_map.fuse(text, image, LITE.text_weight, LITE.image_weight),
     }
     return {name: semantic for name, semantic in by_name.items() if semantic is not None}
 
 
-def point(
-    semantic: np.ndarray, name: str, scene: Scene, question: tuple[str, str], settings: GemConfig = LITE
-) -> Pointing:
-    """The point at which a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
-    phrase, right_name = question
-    row, col = semantic_map.plateau_centre(semantic, settings)
-    x, y = settings.workspace.to_world(row, col)
-    distance = min(float(np.hypot(x - pose.x, y - pose.y)) for pose in scene.poses_of(right_name))
-    shown = scene.names.get(int(scene.above[settings.workspace.nearest_cell(x, y)]), "table")
-    return Pointing(scene.seed, phrase, name, row, col, distance, shown, shown == right_name)
-
-
-def play_scene(scene: Scene, model: Clip, memory: CropMemory | None, settings: GemConfig = LITE) -> list[Pointing]:
+def play_scene(scene: Scene, model: Clip, memory: CropMemory | None) -> list[Pointing]:
     """Let every map answer every question of a scene, which is embedded once for each size of patches."""
-    embedding = semantic_map.embed_scene(scene.views, model, settings)
-    wide = embed_wide(scene.views, model, settings)
+    embedding = semantic_map.embed_scene(scene.views, model, LITE)
+    wide = semantic_map.embed_scene(scene.views, model, LITE.ablated(f"with-{WIDE}"))
     return [
-        point(semantic, name, scene, question, settings)
+        point(semantic, name, scene, question)
         for question in scene.questions
-        for name, semantic in maps(embedding, wide, question[0], model, memory, settings).items()
+        for name, semantic in maps(embedding, wide, question[0], model, memory).items()
     ]
+
+
+def scene_seeds(scenes: int) -> list[int]:
+    """The seeds of the first ``scenes`` scenes, the same for both kinds."""
+    return [tasks.episode_seed("test", FIRST_SCENE + index) for index in range(scenes)]
 
 
 @dataclass(frozen=True)
@@ -163,24 +112,19 @@ class Job:
     indices: Sequence[int]
     clip_name: str | None
     memory: CropMemory | None
-    settings: GemConfig
 
 
 def run_job(job: Job) -> list[Pointing]:
     """The scenes of a job, one after the other in one world."""
     model = clip.load(job.clip_name)
     with World() as world:
-        return [
-            pointing
-            for seed in job.indices
-            for pointing in play_scene(lay_out(job.kind, world, seed, job.settings), model, job.memory, job.settings)
-        ]
+        scenes = (lay_out(job.kind, world, seed) for seed in job.indices)
+        return [pointing for scene in scenes for pointing in play_scene(scene, model, job.memory)]
 
 
 def play(
-    kind: str, scenes: int, memory: CropMemory | None, clip_name: str | None = None,
-    settings: GemConfig = LITE, processes: int | None = None,
-) -> list[Pointing]:  # fmt: skip
+    kind: str, scenes: int, memory: CropMemory | None, clip_name: str | None = None, processes: int | None = None
+) -> list[Pointing]:
     """Play the first ``scenes`` scenes of a kind, one process a core.
 
     Args:
@@ -188,29 +132,26 @@ def play(
         clip_name: see `clip.load`; it must be the CLIP that embedded ``memory``.
 
     Raises:
-        ValueError: an unknown kind, or less than one scene.
         ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
-    check_kind(kind)
-    seeds = scene_seeds(scenes)
     _ = clip.load(clip_name).calibration  # Calibrated here, so that not every worker has to do it.
-    jobs = [Job(kind, seeds[i : i + CHUNK], clip_name, memory, settings) for i in range(0, scenes, CHUNK)]
+    seeds = scene_seeds(scenes)
+    jobs = [Job(kind, [seeds[i] for i in chunk], clip_name, memory) for chunk in workers.chunks(0, scenes)]
     return workers.run_jobs(run_job, jobs, lambda pointing: float(pointing.near), f"pointing, {kind}", processes)
 
 
-def demonstrated_crops(kind: str, model: Clip, settings: GemConfig = LITE) -> CropMemory:
+def demonstrated_crops(kind: str, model: Clip) -> CropMemory:
     """The crop memory for a kind of scene, from ten training episodes or scenes in the seen colours."""
-    check_kind(kind)
     if kind == "bowls":
         demos = demonstrations.load(DEMONSTRATIONS)
-        return CropMemory(crop_memory.demonstrated_crops(demos, settings.workspace, settings.top_patch), model)
+        return CropMemory(crop_memory.demonstrated_crops(demos, LITE.workspace, LITE.top_patch), model)
     entries = []
     with World() as world:
         for index in range(TRAINING_SCENES):
-            scene = lay_out_shapes(world, tasks.episode_seed("train", index), settings, colors.SEEN)
-            heightmap = fuse_views(scene.views, settings.workspace)
+            scene = lay_out_shapes(world, tasks.episode_seed("train", index), colors.SEEN)
+            heightmap = fuse_views(scene.views, LITE.workspace)
             entries += [
-                CropEntry(scene.names[body], crop_memory.cut(heightmap, pose, settings.top_patch), kind, index)
+                CropEntry(scene.names[body], crop_memory.cut(heightmap, pose, LITE.top_patch), kind, index)
                 for body, pose in scene.poses.items()
             ]
     return CropMemory(entries, model)
@@ -255,45 +196,34 @@ def result_rows(kind: str, pointings: Sequence[Pointing], facts: dict) -> list[d
     return rows
 
 
-def measure_scenes(
-    kind: str, scenes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
-) -> list[dict]:
+def measure_scenes(kind: str, scenes: int, path: Path, clip_name: str | None = None) -> list[dict]:
     """`play` scenes of a kind with every map, and file the rows in ``path``.
 
     Raises:
-        ValueError: see `play`, or ``path`` holds a row over more episodes, which is checked before playing.
+        ValueError: ``path`` holds a row over more episodes, which is checked before playing.
         OSError: ``path`` cannot be written, which is checked before playing, too.
         ChildProcessError: a process was killed; nothing is filed then.
     """
-    scene_seeds(scenes)
     model = clip.load(clip_name)
-    memory = demonstrated_crops(kind, model, settings)
-    facts = results.facts_of(None, settings)
+    memory = demonstrated_crops(kind, model)
     facts = {
-        "world": "home", "clip": model.name, "clip_fingerprint": model.fingerprint, "config": facts["config"],
-        "config_hash": facts["config_hash"], "crops": len(memory.entries), "plateau": semantic_map.PLATEAU,
+        "world": "home", "clip": model.name, "clip_fingerprint": model.fingerprint, "config": LITE.name,
+        "config_hash": LITE.digest, "crops": len(memory.entries), "plateau": semantic_map.PLATEAU,
     }  # fmt: skip
     expected = [{"kind": "pointing", "scenes": kind, "map": name, "episodes": scenes, **facts} for name in MAPS]
     results.check_rows(expected, path, IDENTITY)
-    rows = result_rows(kind, play(kind, scenes, memory, clip_name, settings), facts)
+    rows = result_rows(kind, play(kind, scenes, memory, clip_name), facts)
     results.file_rows(rows, path, IDENTITY)
     return rows
 
 
-def measure_packing(
-    task_name: str, episodes: int, path: Path, clip_name: str | None = None, settings: GemConfig = LITE
-) -> dict:
-    """`play_packing` and file its row in ``path``.
-
-    Raises:
-        ValueError: see `play_packing`, or ``path`` holds a row over more episodes, which is checked before playing.
-        OSError: ``path`` cannot be written, which is checked before playing, too.
-    """
+def measure_packing(task_name: str, episodes: int, path: Path, clip_name: str | None = None) -> dict:
+    """`play_packing` and file its row in ``path``. Errors are those of `measure_scenes`."""
     model = clip.load(clip_name)
-    facts = {**results.facts_of(None, settings), "clip": model.name, "clip_fingerprint": model.fingerprint}
+    facts = {**results.facts_of(None, LITE), "clip": model.name, "clip_fingerprint": model.fingerprint}
     facts |= {"world": "home", "split": "test", "start": 0, "skipped": []}
     expected = {"method": METHOD, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)
-    row = results.result_row(METHOD, task_name, play_packing(task_name, episodes, model, settings), "all", facts)
+    row = results.result_row(METHOD, task_name, play_packing(task_name, episodes, model), "all", facts)
     results.file_rows([row], path)
     return row

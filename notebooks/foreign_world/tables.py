@@ -1,31 +1,54 @@
-"""Five tables that another simulator renders: python make_scenes.py FOLDER. It needs `pip install mujoco`.
+"""Tables of MuJoCo: what can lie on them, their cameras, and the whole as a model. Nothing comes from gem_lite.
 
-Nothing here comes from gem_lite: MuJoCo has its own renderer, lights and materials, and all shapes are made below. So
-these scenes are a test for what gem_lite does with a table that is not its own. The folders are in the format of
-`gem_lite.rgbd.observation.Observation.load`. They are written by hand here, with OpenCV and JSON, as another program
-would.
+MuJoCo has its own renderer, lights and materials, and all shapes are made below. Bowls are hollow. Things that move are
+free bodies. They collide as shapes that are not drawn: bowls as boxes that make their floor and their wall, mugs,
+rings, stars and cylinders as prisms.
 """
 
-import json
 import math
-import os
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
-os.environ.setdefault("MUJOCO_GL", "egl")
-
-import cv2
 import mujoco
 import numpy as np
 
-DEPTH_SCALE = 0.001
-"""Metres of one step of a depth picture."""
 COLORS = {
     "red": (0.78, 0.11, 0.12), "green": (0.13, 0.52, 0.20), "blue": (0.14, 0.27, 0.72), "yellow": (0.92, 0.76, 0.13),
     "orange": (0.93, 0.46, 0.09), "purple": (0.45, 0.20, 0.60), "pink": (0.94, 0.55, 0.66), "cyan": (0.22, 0.72, 0.76),
     "brown": (0.42, 0.26, 0.14), "white": (0.92, 0.92, 0.90), "gray": (0.50, 0.50, 0.50),
 }  # fmt: skip
+LOOKS = {
+    "workbench": ((0.36, 0.30, 0.24), (0.2, 0.5, 1.6)), "kitchen": ((0.30, 0.31, 0.33), (0.9, -0.2, 1.4)),
+    "nursery": ((0.24, 0.33, 0.38), (0.5, 0.0, 1.8)), "workshop": ((0.20, 0.20, 0.21), (0.1, -0.6, 1.5)),
+    "desk": ((0.45, 0.38, 0.30), (0.8, 0.6, 1.3)),
+}  # fmt: skip
+"""By name of a table: its colour, and where its lamp hangs (m)."""
+KINDS = {
+    "block": (0.034, 0.050, 0.06), "bowl": (0.083, 0.090, 0.25), "ball": (0.034, 0.034, 0.06),
+    "mug": (0.073, 0.073, 0.20), "cylinder": (0.028, 0.028, 0.07), "star": (0.055, 0.055, 0.06),
+    "ring": (0.046, 0.046, 0.05),
+}  # fmt: skip
+"""By kind: the radius of a circle around it, the least distance of its middle from the border (m), its mass (kg)."""
+PRISMS = {"bowl": (0.047, 0.005), "mug": (0.038, 0.085), "cylinder": (0.027, 0.070), "star": (0.045, 0.025),
+          "ring": (0.044, 0.032)}  # fmt: skip
+"""By kind: the inner radius and the height (m) of the prism as which it collides; of a bowl, that is the floor."""
+HIDDEN = 'group="3" condim="4"'
+"""Attributes of a shape that is not drawn, and against which things turn with friction."""
+TRAIN_SEEDS, TEST_SEEDS = range(1000), range(10_000, 20_000)
+"""Seeds of tables for demonstrations, and of those for tests. None is in both."""
+NAMED = tuple(color for color in COLORS if color not in ("brown", "gray"))
+"""A brown block cannot be told from a table, nor a gray one from a white one: the lamps are bright."""
+X_LIMITS, Y_LIMITS = (0.25, 0.75), (-0.5, 0.5)
+"""The part of the table on which things lie (m)."""
+GAP = 0.015
+"""The least distance (m) between two things' circles."""
+INNER = 0.078, 0.052
+"""The radius of a bowl's rim on its inner side, and its height above the table (m)."""
+CAMERAS = {
+    "overhead": ((0.50, -0.02, 1.05), (0.50, 0.0, 0.0), (480, 640), 430.0),
+    "left": ((1.05, 0.62, 0.62), (0.48, 0.05, 0.0), (360, 640), 460.0),
+    "right": ((1.10, -0.58, 0.55), (0.48, -0.05, 0.0), (480, 640), 470.0),
+}
+"""By name: position and target (m), height and width (pixels), focal length (pixels)."""
 
 
 @dataclass(frozen=True)
@@ -41,54 +64,11 @@ class Thing:
 
 @dataclass(frozen=True)
 class Scene:
-    """A table: its colour, where its lamp hangs, and what lies on it."""
+    """A table: its colour, where its lamp hangs (m), and what lies on it."""
 
-    name: str
-    table: tuple[float, float, float]
-    lamp: tuple[float, float, float]
+    table: tuple[float, ...]
+    lamp: tuple[float, ...]
     things: tuple[Thing, ...]
-
-
-SCENES = (
-    Scene("workbench", (0.36, 0.30, 0.24), (0.2, 0.5, 1.6), (
-        Thing("red", "block", 0.40, 0.25, 20), Thing("green", "block", 0.58, 0.10, 50),
-        Thing("blue", "bowl", 0.62, 0.36), Thing("yellow", "bowl", 0.38, -0.08),
-        Thing("purple", "block", 0.63, -0.22, 10), Thing("orange", "cylinder", 0.42, -0.34),
-    )),
-    Scene("kitchen", (0.30, 0.31, 0.33), (0.9, -0.2, 1.4), (
-        Thing("red", "mug", 0.36, 0.20, 140), Thing("white", "bowl", 0.62, 0.26),
-        Thing("blue", "mug", 0.58, -0.05, 60),
-        Thing("yellow", "plate", 0.40, -0.12), Thing("green", "bowl", 0.64, -0.33),
-        Thing("orange", "ball", 0.36, -0.37),
-    )),
-    Scene("nursery", (0.24, 0.33, 0.38), (0.5, 0.0, 1.8), (
-        Thing("pink", "block", 0.35, 0.36, 35), Thing("cyan", "ring", 0.60, 0.30), Thing("green", "ball", 0.42, 0.08),
-        Thing("purple", "bowl", 0.64, 0.00), Thing("red", "cylinder", 0.35, -0.20),
-        Thing("blue", "block", 0.56, -0.28, 70),
-        Thing("yellow", "star", 0.44, -0.40, 15),
-    )),
-    Scene("workshop", (0.20, 0.20, 0.21), (0.1, -0.6, 1.5), (
-        Thing("yellow", "block", 0.64, 0.40, 5), Thing("red", "bowl", 0.40, 0.34),
-        Thing("green", "block", 0.34, 0.04, 65),
-        Thing("gray", "bowl", 0.62, 0.08), Thing("orange", "block", 0.50, -0.20, 40),
-        Thing("pink", "bowl", 0.36, -0.36),
-        Thing("purple", "ring", 0.65, -0.38),
-    )),
-    Scene("desk", (0.45, 0.38, 0.30), (0.8, 0.6, 1.3), (
-        Thing("blue", "block", 0.36, 0.40, 25), Thing("orange", "bowl", 0.60, 0.38),
-        Thing("red", "star", 0.50, 0.14, 80),
-        Thing("white", "mug", 0.66, 0.06, 200), Thing("green", "cylinder", 0.34, -0.05),
-        Thing("cyan", "bowl", 0.60, -0.22),
-        Thing("brown", "block", 0.38, -0.36, 55),
-    )),
-)  # fmt: skip
-
-CAMERAS = {
-    "overhead": ((0.50, -0.02, 1.05), (0.50, 0.0, 0.0), (480, 640), 430.0),
-    "left": ((1.05, 0.62, 0.62), (0.48, 0.05, 0.0), (360, 640), 460.0),
-    "right": ((1.10, -0.58, 0.55), (0.48, -0.05, 0.0), (480, 640), 470.0),
-}
-"""By name: position and target (m), height and width (pixels), focal length (pixels)."""
 
 
 def profile_mesh(name: str, profile: list[tuple[float, float]], steps: int = 48) -> str:
@@ -159,11 +139,41 @@ def geoms(thing: Thing, physics: str = "") -> str:
     raise ValueError(f"unknown kind {thing.kind!r}")
 
 
-def still_bodies(scene: Scene) -> str:
-    """The things of a table that never move, as MJCF."""
-    return "".join(
-        f'<body pos="{thing.x} {thing.y} 0" euler="0 0 {thing.turn}">{geoms(thing)}</body>' for thing in scene.things
-    )
+def prism(kind: str, mass: float) -> str:
+    """The prism of four crossed boxes as which a thing collides, as MJCF. Cylinders and hulls tremble on a box."""
+    radius, height = PRISMS[kind]
+    size = f"{radius} {radius * math.tan(math.pi / 8):.5f} {height / 2}"
+    look = f'size="{size}" pos="0 0 {height / 2}" mass="{mass / 4}" {HIDDEN}'
+    return f'<replicate count="4" euler="0 0 45"><geom type="box" {look}/></replicate>'
+
+
+def bowl_wall(mass: float, steps: int = 24) -> str:
+    """The wall with which a bowl collides, as MJCF: two rings of boxes."""
+    wall = ""
+    # The inner side of the wall from below to above, as (radius, height), and how thick it is.
+    for (r0, z0), (r1, z1), thick in (((0.045, 0.006), (0.066, 0.024), 0.0075), ((0.066, 0.024), INNER, 0.0045)):
+        length = math.hypot(r1 - r0, z1 - z0)
+        slope_r, slope_z = (r1 - r0) / length, (z1 - z0) / length
+        r, z = (r0 + r1) / 2 + slope_z * thick / 2, (z0 + z1) / 2 - slope_r * thick / 2
+        size = f"{length / 2:.5f} {r1 * math.tan(math.pi / steps):.5f} {thick / 2:.5f}"
+        pose = f'pos="{r:.5f} 0 {z:.5f}" xyaxes="{slope_r:.5f} 0 {slope_z:.5f} 0 1 0"'
+        look = f'size="{size}" {pose} mass="{mass / (2 * steps):.6f}" {HIDDEN}'
+        wall += f'<replicate count="{steps}" euler="0 0 {360 / steps}"><geom type="box" {look}/></replicate>'
+    return wall
+
+
+def free_body(number: int, thing: Thing) -> str:
+    """A thing that moves, as MJCF."""
+    mass = KINDS[thing.kind][2]
+    if thing.kind in PRISMS:
+        wall = bowl_wall(0.6 * mass) if thing.kind == "bowl" else ""
+        rest = prism(thing.kind, 0.4 * mass if wall else mass)
+        shapes = geoms(thing, 'contype="0" conaffinity="0" mass="0"') + rest + wall
+    else:
+        rolls = 'condim="6" friction="0.8 0.005 0.002"' if thing.kind == "ball" else 'condim="4"'
+        shapes = geoms(thing, f'{rolls} mass="{mass}"')
+    pose = f'pos="{thing.x} {thing.y} 0" euler="0 0 {thing.turn}"'
+    return f'<body name="thing{number}" {pose}><freejoint/>{shapes}</body>'
 
 
 def model_of(scene: Scene, bodies: str, more: str = "") -> mujoco.MjModel:
@@ -233,30 +243,33 @@ def picture(renderer: mujoco.Renderer, data: mujoco.MjData, name: str) -> tuple[
     return rgb, depth
 
 
-def write(scene: Scene, folder: Path) -> None:
-    """Render a scene and write its folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    model = model_of(scene, still_bodies(scene))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    cameras = []
-    for name, (_, _, (height, width), _) in CAMERAS.items():
-        with mujoco.Renderer(model, height, width) as renderer:
-            rgb, depth = picture(renderer, data, name)
-        cv2.imwrite(str(folder / f"{name}.color.png"), rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        steps = np.round(depth / DEPTH_SCALE)
-        steps[steps > 65535] = 0
-        cv2.imwrite(str(folder / f"{name}.depth.png"), steps.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        (fx, _, cx), (_, fy, cy), _ = intrinsics(name).tolist()
-        cameras.append({
-            "name": name, "color": f"{name}.color.png", "depth": f"{name}.depth.png", "depth_scale": DEPTH_SCALE,
-            "intrinsics": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], "pose": camera_pose(name).tolist(),
-        })  # fmt: skip
-    (folder / "cameras.json").write_text(json.dumps({"version": 1, "cameras": cameras}, indent=1) + "\n")
-    truth = [vars(thing) for thing in scene.things]
-    (folder / "truth.json").write_text(json.dumps({"things": truth}, indent=1) + "\n")
+def random_scene(seed: int) -> Scene:
+    """The table of a seed. Its first thing is the named block, its second the named bowl."""
+    rng = np.random.default_rng(seed)
+    blocks, bowls = (rng.permutation(NAMED)[: rng.integers(2, most + 1)].tolist() for most in (4, 3))
+    others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)].tolist()
+    kinds = [(blocks[0], "block"), (bowls[0], "bowl"), *((c, "block") for c in blocks[1:])]
+    kinds += [(c, "bowl") for c in bowls[1:]] + [(str(rng.choice(NAMED)), kind) for kind in others]
+    looks = list(LOOKS.values())
+    table = np.array(looks[rng.integers(len(looks))][0]) + rng.uniform(-0.02, 0.02)
+    lamp = np.array(looks[rng.integers(len(looks))][1]) + rng.uniform(-0.1, 0.1, 3)
+    while (things := _spread(kinds, rng)) is None:
+        pass
+    return Scene(tuple(table.round(4).tolist()), tuple(lamp.round(4).tolist()), tuple(things))
 
 
-if __name__ == "__main__":
-    for one in SCENES:
-        write(one, Path(sys.argv[1]) / one.name)
+def _spread(kinds: list[tuple[str, str]], rng: np.random.Generator) -> list[Thing] | None:
+    """Things at random places, none touching another; None if one found no place. Large ones choose first."""
+    placed: dict[int, Thing] = {}
+    for number in sorted(range(len(kinds)), key=lambda number: -KINDS[kinds[number][1]][0]):
+        color, kind = kinds[number]
+        radius, border, _ = KINDS[kind]
+        for _ in range(200):
+            x = rng.uniform(X_LIMITS[0] + border, X_LIMITS[1] - border)
+            y = rng.uniform(Y_LIMITS[0] + border, Y_LIMITS[1] - border)
+            if all(math.hypot(x - t.x, y - t.y) >= radius + KINDS[t.kind][0] + GAP for t in placed.values()):
+                placed[number] = Thing(color, kind, round(x, 5), round(y, 5), round(rng.uniform(-180, 180), 3))
+                break
+        else:
+            return None
+    return [placed[number] for number in range(len(kinds))]
