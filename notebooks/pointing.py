@@ -18,7 +18,7 @@ from gem_lite.maps import semantic_map
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import shapes
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import shapes, worlds
+from gem_lite.simulation import worlds
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.goals import Goal, ZoneMetric
 from gem_lite.tasks import Task, register
 

@@ -14,7 +14,7 @@ from gem_lite.actions import PickPlace, Push
 from gem_lite.drawing import plot_benchmark
 from gem_lite.evaluation import gallery
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands
+from gem_lite.simulation.bodies import kits, objects, piles, ropes, shapes, stands
 from gem_lite.simulation.goals import VolumeMetric
 from gem_lite.tasks import assembling_kits, packing_box_pairs, packing_objects, spawn
 

@@ -9,7 +9,8 @@ import pytest
 from gem_lite import colors
 from gem_lite.actions import PickPlace, Push
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import effectors, shapes
+from gem_lite.simulation import effectors
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 
 START, END = Pose2(0.45, 0.1), Pose2(0.45, -0.15)

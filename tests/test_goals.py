@@ -14,7 +14,8 @@ from gem_lite.evaluation import evaluate
 from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.registry import Registry
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import goals, shapes
+from gem_lite.simulation import goals
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
 from gem_lite.simulation.world import World
 from gem_lite.tasks import Task

@@ -10,7 +10,7 @@ from gem_lite import colors
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import shapes
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.rendering import CAMERAS, render
 from gem_lite.simulation.world import World
 

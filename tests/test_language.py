@@ -7,7 +7,7 @@ from experiments.clip_tabletop import vocabulary
 from gem_lite import colors, language, tasks
 from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
 from gem_lite.maps import locations
-from gem_lite.simulation import objects, ropes, shapes
+from gem_lite.simulation.bodies import objects, ropes, shapes
 from gem_lite.tasks import stack_block_pyramid
 
 

@@ -7,7 +7,7 @@ from gem_lite.language import Queries, word_lists
 from gem_lite.maps import locations
 from gem_lite.policies import methods
 from gem_lite.se2 import Workspace
-from gem_lite.simulation import ropes
+from gem_lite.simulation.bodies import ropes
 
 WORKSPACE = Workspace()
 

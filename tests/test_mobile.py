@@ -16,7 +16,8 @@ from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation import driving, shapes, tag_plates, worlds
+from gem_lite.simulation import driving, worlds
+from gem_lite.simulation.bodies import shapes, tag_plates
 from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World

@@ -3,7 +3,7 @@ import pytest
 
 from gem_lite.actions import PickPlace
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import objects
+from gem_lite.simulation.bodies import objects
 from gem_lite.simulation.rendering import CAMERAS, render
 
 RED = (1.0, 0.34, 0.35, 1.0)

@@ -15,7 +15,7 @@ from gem_lite import colors, steerable
 from gem_lite.actions import PickPlace
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
-from gem_lite.simulation import shapes
+from gem_lite.simulation.bodies import shapes
 from gem_lite.steerable import correlation
 
 HIGH = 0.01

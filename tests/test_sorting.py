@@ -23,7 +23,8 @@ from gem_lite.policies.samples import HEIGHT_SCALE
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import driving, symbols
+from gem_lite.simulation import driving
+from gem_lite.simulation.bodies import symbols
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 
 MOBILE = LITE.on_table(1.06)

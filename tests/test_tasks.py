@@ -13,7 +13,8 @@ from gem_lite import colors, language, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation import collecting
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import effectors, shapes, trays
+from gem_lite.simulation import effectors
+from gem_lite.simulation.bodies import shapes, trays
 from gem_lite.simulation.goals import ZoneMetric
 from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid

@@ -11,7 +11,8 @@ import pytest
 from gem_lite import colors, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import shapes, worlds
+from gem_lite.simulation import worlds
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.rendering import render
 from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace

@@ -25,7 +25,7 @@ from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.policies.transporter import TopView
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
-from gem_lite.simulation import shapes
+from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.task import Task

@@ -14,8 +14,8 @@ import trimesh
 
 from experiments.clip_tabletop import vocabulary
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import objects, shapes, symbols, tiles
-from gem_lite.simulation.shapes import Body
+from gem_lite.simulation.bodies import objects, shapes, symbols, tiles
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.tasks.spawn import FreeSpace
 
 COLOR_NAMES, SHAPE_NAMES, NOUN_NAMES = (

@@ -11,7 +11,7 @@ from experiments.clip_tabletop import vocabulary
 from experiments.clip_tabletop.crops import PART_KEYS, Crops, render_crops
 from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.clip import Clip
-from gem_lite.simulation import objects, shapes
+from gem_lite.simulation.bodies import objects, shapes
 
 SEED = 1_000_003
 """The seeds of the card's scenes are this one and the next two. Training and other tests use other seeds."""

@@ -22,7 +22,7 @@ from experiments.clip_tabletop.bodies import (
     put_block,
 )
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import kits, objects, piles, ropes, shapes, stands, trays
+from gem_lite.simulation.bodies import kits, objects, piles, ropes, shapes, stands, trays
 from gem_lite.tasks.spawn import FreeSpace
 
 STRUCTURES = 0.6

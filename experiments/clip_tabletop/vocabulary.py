@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gem_lite import colors
-from gem_lite.simulation import objects, ropes, shapes, symbols, tiles
+from gem_lite.simulation.bodies import objects, ropes, shapes, symbols, tiles
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),

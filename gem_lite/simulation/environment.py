@@ -14,9 +14,9 @@ import pybullet as p
 from gem_lite.actions import Action, GripperState, PickPlace, Push
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace, quaternion
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, Effector
 from gem_lite.simulation.floating_tool import PARKED, RATE
-from gem_lite.simulation.shapes import Body
 from gem_lite.simulation.task import SOLVED, Task
 from gem_lite.simulation.worlds import HOME, RGBA, WorldStyle
 

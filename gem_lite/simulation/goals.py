@@ -11,7 +11,7 @@ import numpy as np
 
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.se2 import Pose2, angle_off, wrap
-from gem_lite.simulation.shapes import Body
+from gem_lite.simulation.bodies.shapes import Body
 
 if TYPE_CHECKING:
     from gem_lite.simulation.environment import Environment

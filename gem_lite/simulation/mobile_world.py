@@ -20,12 +20,12 @@ from typing_extensions import override
 from gem_lite.rgbd.camera import Camera, View, as_pose, camera_looking_at
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import tag_plates
+from gem_lite.simulation.bodies import tag_plates
+from gem_lite.simulation.bodies.shapes import create_compound, create_visual
 from gem_lite.simulation.driving import Finder, localise
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.floating_tool import CLEARANCE
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
-from gem_lite.simulation.shapes import create_compound, create_visual
 from gem_lite.simulation.task import Task
 from gem_lite.simulation.worlds import HOME as HOME_STYLE
 from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle

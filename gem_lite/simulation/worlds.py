@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from gem_lite import colors
 from gem_lite.registry import Registry
+from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
 from gem_lite.simulation.rendering import LIGHT, Light
-from gem_lite.simulation.shapes import BOWL, BowlProfile
 
 RGBA = tuple[float, float, float, float]
 FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)

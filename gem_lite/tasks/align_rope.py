@@ -9,7 +9,8 @@ import numpy as np
 from typing_extensions import override
 
 from gem_lite.actions import ExpertAction
-from gem_lite.simulation import goals, ropes
+from gem_lite.simulation import goals
+from gem_lite.simulation.bodies import ropes
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.task import Task

@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import kits, shapes
+from gem_lite.simulation.bodies import kits, shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.task import Split, Task

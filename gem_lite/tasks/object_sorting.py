@@ -7,10 +7,10 @@ from typing_extensions import override
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import objects, symbols, trays
+from gem_lite.simulation.bodies import objects, symbols, trays
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, ZoneMetric
-from gem_lite.simulation.shapes import Body
 from gem_lite.simulation.task import Task
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace

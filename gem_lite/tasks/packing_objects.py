@@ -20,10 +20,10 @@ from typing_extensions import override
 from gem_lite import colors
 from gem_lite.actions import ExpertAction
 from gem_lite.se2 import Pose2, angle_bins
-from gem_lite.simulation import objects
+from gem_lite.simulation.bodies import objects
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, VolumeMetric
-from gem_lite.simulation.shapes import Body
 from gem_lite.simulation.task import Split, Task
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError, put_brown_box, split_floor

@@ -7,7 +7,7 @@ from typing_extensions import override
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import piles
+from gem_lite.simulation.bodies import piles
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, ZoneMetric
 from gem_lite.simulation.task import Task

@@ -8,10 +8,10 @@ import numpy as np
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import trays
+from gem_lite.simulation.bodies import trays
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import ZoneMetric
-from gem_lite.simulation.shapes import Body
 from gem_lite.simulation.worlds import HOME, WorldStyle
 
 TRIES = 1000

@@ -17,7 +17,7 @@ from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import shapes
+from gem_lite.simulation.bodies import shapes
 from notebooks import pointing
 from notebooks.pointing import Pointing, lay_out, point
 

@@ -7,7 +7,7 @@ import trimesh
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
-from gem_lite.simulation.solids import (
+from gem_lite.simulation.bodies.solids import (
     DARK,
     LEAF,
     METAL,

@@ -10,7 +10,7 @@ import trimesh
 from shapely import LineString, Polygon, affinity, box, union_all  # type: ignore[import-untyped]
 from trimesh import Trimesh
 
-from gem_lite.simulation.solids import (
+from gem_lite.simulation.bodies.solids import (
     DARK,
     METAL,
     PALE,

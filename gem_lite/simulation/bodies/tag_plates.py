@@ -12,7 +12,7 @@ from shapely.ops import unary_union
 
 from gem_lite.rgbd.tags import DICTIONARY, SQUARES, TAG_COUNT, TAG_SIDE
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.shapes import create_body, create_visual
+from gem_lite.simulation.bodies.shapes import create_body, create_visual
 
 PLATE = TAG_SIDE * (SQUARES + 2) / SQUARES
 """Length (m) of the side of a plate: a tag and its white margin."""

@@ -10,8 +10,8 @@ import trimesh
 from shapely.geometry import box
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.shapes import Body, create_body, create_visual
-from gem_lite.simulation.solids import RGBA
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.solids import RGBA
 
 CUBE = 0.01
 """Side (m) of a cube of a pile."""

@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry as Area
 from shapely.ops import unary_union
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation.shapes import BLOCK_SIZE, Body, create_compound, create_visual, letter_outline
-from gem_lite.simulation.solids import RGBA, slab
+from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body, create_compound, create_visual, letter_outline
+from gem_lite.simulation.bodies.solids import RGBA, slab
 
 LETTERS = tuple(f"letter {letter}" for letter in ascii_uppercase)
 DIGITS = tuple(f"digit {digit}" for digit in digits)

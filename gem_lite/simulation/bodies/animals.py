@@ -8,7 +8,7 @@ from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
-from gem_lite.simulation.solids import (
+from gem_lite.simulation.bodies.solids import (
     DARK,
     LEAF,
     PALE,

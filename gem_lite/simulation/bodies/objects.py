@@ -14,9 +14,9 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import animals, food, household, playthings, toybox
-from gem_lite.simulation.shapes import Body, create_compound, triangles
-from gem_lite.simulation.solids import RGBA, Maker, Part
+from gem_lite.simulation.bodies import animals, food, household, playthings, toybox
+from gem_lite.simulation.bodies.shapes import Body, create_compound, triangles
+from gem_lite.simulation.bodies.solids import RGBA, Maker, Part
 
 TRAINING_VARIANTS = 12
 """The embedded CLIP was trained on the variants 0 .. 11 and on no others."""

@@ -9,7 +9,7 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
 
 WALL = 0.002
 """Thickness (m) of walls and floors, as in CLIPort."""

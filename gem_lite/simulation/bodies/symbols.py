@@ -12,9 +12,9 @@ from shapely.geometry import Point, Polygon, box
 from shapely.ops import unary_union
 
 from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation import shapes
-from gem_lite.simulation.shapes import Body, create_compound, create_visual
-from gem_lite.simulation.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
+from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.shapes import Body, create_compound, create_visual
+from gem_lite.simulation.bodies.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
 
 BOX_SIDE = 0.15
 """Length and width (m) of a symbol box between the middles of its walls."""

@@ -9,8 +9,8 @@ import trimesh
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import shapes
-from gem_lite.simulation.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
 
 KIT_SIZE = (0.28, 0.20, 0.005)
 """Sides (m) of the board."""

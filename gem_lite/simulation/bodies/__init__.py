@@ -1,0 +1,1 @@
+"""What lies on tables: shapes, objects, and what tasks build."""
