@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from gem_lite import clip
-from gem_lite.maps.recognition import refusal
+from gem_lite.maps.refusal import refusal
 from gem_lite.policies import checkpoints
-from gem_lite.policies.robot import plan
+from gem_lite.policies.robot_plan import plan
 from gem_lite.rgbd.observation import Observation
 
 

@@ -107,10 +107,10 @@ class Config:
         angles: how many angles are sampled at the output.
         parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
-        locations: whether a location word chooses among the responses of a semantic map (`maps.locations.located`),
-            for methods whose networks or gates have one.
+        locations: whether a location word chooses among the responses of a semantic map
+            (`maps.location_words.located`), for methods whose networks or gates have one.
         location_code: whether the networks get the location words of a phrase besides its embedding
-            (`maps.locations.code`).
+            (`maps.location_words.code`).
         empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.
@@ -144,7 +144,7 @@ class Config:
 
     ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
     """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
-    so a trained policy can act with other values (`PickPlacePolicy.act_as`)."""
+    so a trained policy can act with other values (`Policy.act_as`)."""
     ADDED: ClassVar[frozenset[str]] = frozenset({"rectangle", "location_code"})
     """The entries that are younger than some stored rows. They are left out of `as_dict` while they have their default,
     so that configurations, and what is named after them, stay what they were."""

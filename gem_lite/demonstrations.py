@@ -81,7 +81,7 @@ OWN_WORLD = "own"
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One expert episode; ``world`` is the name of its world, see `gem_lite.simulation.worlds`, or `OWN_WORLD`."""
+    """One expert episode; ``world`` is the name of its world, see `gem_lite.simulation.looks`, or `OWN_WORLD`."""
 
     task: str
     split: str

@@ -14,7 +14,7 @@ import numpy as np
 from gem_lite import tasks
 from gem_lite.actions import Action, ExpertAction, Push
 from gem_lite.evaluation.rollout import Observations, rollout
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.choices import Choice
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.environment import body_at
@@ -75,7 +75,7 @@ def reason(choice: Choice, expert: ExpertAction, right: tuple[str, str], chosen:
 
 
 def first_failure(
-    world: World, policy: PickPlacePolicy, task_name: str, index: int, split: tasks.Split = "test"
+    world: World, policy: Policy, task_name: str, index: int, split: tasks.Split = "test"
 ) -> Failure | None:
     """Play an episode until an action gains nothing; None if every action gained something.
 

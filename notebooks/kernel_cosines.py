@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from gem_lite.files import DATA
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 
 PAIRS = DATA / "kernel_pairs.csv"
 
@@ -45,7 +45,7 @@ def read_pairs(path: Path = PAIRS) -> list[PhrasePair]:
 
 
 @torch.inference_mode()
-def pick_kernels(policy: Policy, phrases: Sequence[str]) -> torch.Tensor:
+def pick_kernels(policy: Gem, phrases: Sequence[str]) -> torch.Tensor:
     """The unrotated pick kernels psi(phrase) (Eq. 9), (N, C, h, h) on the CPU."""
     words = torch.stack([policy.embed_words(phrase) for phrase in phrases]).to(policy.device)
     return policy.pick.kernel(words).float().cpu()
@@ -61,7 +61,7 @@ def centred_cosines(kernels: torch.Tensor) -> torch.Tensor:
     return unit @ unit.T
 
 
-def pair_cosines(policy: Policy, pairs: Sequence[PhrasePair]) -> np.ndarray:
+def pair_cosines(policy: Gem, pairs: Sequence[PhrasePair]) -> np.ndarray:
     """The centred cosine of each pair's kernels, (N,). The mean is that of all different phrases of the pairs."""
     phrases = list(dict.fromkeys(phrase for pair in pairs for phrase in (pair.phrase, pair.other)))
     cosines = centred_cosines(pick_kernels(policy, phrases))

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.goals import Goal, ZoneMetric
 from gem_lite.tasks import Task, register
 
 RED = (1.0, 0.34, 0.35, 1.0)
 CUBES = 6
-NIGHT = worlds.register(worlds.WorldStyle("night", floor=(0.05, 0.05, 0.1, 1.0)))
+NIGHT = looks.register(looks.Look("night", floor=(0.05, 0.05, 0.1, 1.0)))
 
 
 @register("sweeping", {"near": {}, "far": {"reach": 0.3}})

@@ -8,15 +8,15 @@ import torch
 import torch.nn.functional as F
 
 from gem_lite import clip
-from gem_lite.learning import train
-from gem_lite.maps import locations, semantic_map, sources
+from gem_lite.maps import location_words, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.gem import PickModule, Policy
+from gem_lite.policies.gem import Gem, PickModule
 from gem_lite.policies.gem_config import ABLATIONS, LITE, GemConfig
+from gem_lite.policies.inputs import Inputs
 from gem_lite.policies.networks import parameter_count
-from gem_lite.policies.samples import Inputs
+from gem_lite.training import train
 
 D = 16
 SMALL = dataclasses.replace(
@@ -54,7 +54,7 @@ def seen_once():
 
 @pytest.fixture(scope="module")
 def whole(model, demos):
-    policy = Policy(SMALL, model)
+    policy = Gem(SMALL, model)
     return policy, prepare(policy, demos)
 
 
@@ -78,7 +78,7 @@ def test_names_and_configurations_belong_together():
     assert LITE.variant == ""
     for ending, ablation in ABLATIONS.items():
         method, config = methods.find(f"gem-{ending}")
-        assert method is Policy
+        assert method is Gem
         assert config.variant == f"-{ending}"
         assert config == dataclasses.replace(LITE, **ablation.changes, ablations=(ending,)) != LITE
         assert GemConfig.from_dict(config.as_dict()) == config
@@ -118,7 +118,7 @@ def test_endings_that_contradict_each_other_are_refused(model):
 
 def test_a_value_names_no_method(model, tmp_path):
     path = tmp_path / "policy.safetensors"
-    plain = Policy(dataclasses.replace(SMALL, image_weight=0.0), model)
+    plain = Gem(dataclasses.replace(SMALL, image_weight=0.0), model)
     assert plain.name == "gem"
     save_policy(plain, path, {})
     assert load_policy(path, model).name == checkpoints.read_card(path)["method"] == "gem"
@@ -138,7 +138,7 @@ def test_a_value_names_no_method(model, tmp_path):
 
 def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path):
     config = SMALL.ablated("without-parsing").ablated("without-image-map")
-    policy = Policy(config, model)
+    policy = Gem(config, model)
     train.train(policy, whole[1], seed=0, run=tmp_path)
     path = tmp_path / "policy.safetensors"
     save_policy(policy, path, {})
@@ -161,7 +161,7 @@ def test_entries_that_a_card_lacks_have_their_defaults():
 @pytest.mark.parametrize("ending", ABLATIONS)
 def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
     reference, steps = whole
-    policy = Policy(SMALL.ablated(ending), model)
+    policy = Gem(SMALL.ablated(ending), model)
     prepared = prepare(policy, demos)
     names, expected = weights(policy), weights(reference)
     same_weights = names.keys() == expected.keys() and all(torch.equal(names[key], expected[key]) for key in names)
@@ -177,7 +177,7 @@ def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
 
 @pytest.mark.parametrize("ending", ABLATIONS)
 def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, tmp_path):
-    policy = Policy(SMALL.ablated(ending), model, memory=whole[0].memory)
+    policy = Gem(SMALL.ablated(ending), model, memory=whole[0].memory)
     steps = prepare(policy, demos) if ending in WORDS_DIFFER else whole[1]
     train.train(policy, steps, seed=0, run=tmp_path)
     save_policy(policy, tmp_path / "policy.safetensors", {})
@@ -193,7 +193,7 @@ def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, 
 
 
 def test_without_semantic_map_it_is_one_everywhere(model, demos):
-    policy = Policy(SMALL.ablated("without-semantic-map"), model)
+    policy = Gem(SMALL.ablated("without-semantic-map"), model)
     for step in prepare(policy, demos):
         for role in ("pick", "place"):
             assert torch.equal(step[1].maps[role], torch.ones(1, *SMALL.workspace.shape))
@@ -201,7 +201,7 @@ def test_without_semantic_map_it_is_one_everywhere(model, demos):
 
 
 def test_single_view_comes_from_the_height_map(model, demos):
-    policy = Policy(SMALL.ablated("with-single-view"), model)
+    policy = Gem(SMALL.ablated("with-single-view"), model)
     step = demos[0].steps[0]
     scene = policy.embed(step.observation.views)
     maps = policy.maps(scene, step.phrases.pick)
@@ -209,7 +209,7 @@ def test_single_view_comes_from_the_height_map(model, demos):
 
 
 def test_without_image_map_nothing_is_remembered(model, demos, whole):
-    policy = Policy(SMALL.ablated("without-image-map"), model)
+    policy = Gem(SMALL.ablated("without-image-map"), model)
     for step, reference in zip(prepare(policy, demos), whole[1], strict=True):
         for role, semantic in step[1].maps.items():
             assert torch.equal(semantic, step[0].maps[role])
@@ -218,7 +218,7 @@ def test_without_image_map_nothing_is_remembered(model, demos, whole):
 
 
 def test_without_parsing_both_modules_hear_the_whole_sentence(model):
-    policy = Policy(SMALL.ablated("without-parsing"), model)
+    policy = Gem(SMALL.ablated("without-parsing"), model)
     sentence = "put the red block in the green bowl"
     phrases = policy.read(sentence)
     assert phrases.pick == phrases.place == sentence
@@ -229,7 +229,7 @@ def test_without_parsing_both_modules_hear_the_whole_sentence(model):
 
 
 def test_without_parsing_a_whole_sentence_finds_the_crop_of_its_like_and_is_one_query(model, demos):
-    policy = Policy(SMALL.ablated("without-parsing"), model)
+    policy = Gem(SMALL.ablated("without-parsing"), model)
     policy.remember(demos)
     sentence = demos[0].steps[0].instruction
     assert {entry.phrase for entry in policy.memory.entries} == {sentence}
@@ -243,36 +243,36 @@ def test_without_parsing_a_whole_sentence_finds_the_crop_of_its_like_and_is_one_
 
 @pytest.mark.parametrize("ending", ["with-single-view", "without-semantic-map", "without-image-map"])
 def test_location_words_change_only_what_another_response_owns(ending, model, demos):
-    policy = Policy(SMALL.ablated(ending), model)
+    policy = Gem(SMALL.ablated(ending), model)
     scene = policy.embed(demos[0].steps[0].observation.views)
     for phrase in ("left block", "right block", "middle block"):
         word = policy.maps(scene, phrase).fused
-        plain = Policy(SMALL.ablated(ending).ablated("without-locations"), model).maps(scene, phrase).fused
+        plain = Gem(SMALL.ablated(ending).ablated("without-locations"), model).maps(scene, phrase).fused
         assert (word <= plain).all()
         if ending == "without-semantic-map":
             assert np.array_equal(word, plain)
         else:
             row, col = np.unravel_index(word.argmax(), word.shape)
-            assert word.max() > plain.max() - locations.WITHIN and word[row, col] == plain[row, col]
+            assert word.max() > plain.max() - location_words.WITHIN and word[row, col] == plain[row, col]
 
 
 def test_a_location_word_acts_on_the_fused_map_and_on_the_text_map(model, demos):
-    policy = Policy(SMALL, model)
+    policy = Gem(SMALL, model)
     scene = policy.embed(demos[0].steps[0].observation.views)
     policy.memory = CropMemory(
         [CropEntry("left block", scene.heightmap.rgb[:20, :20].copy(), "task", 0)], model
     )  # fmt: skip
-    free = Policy(SMALL.ablated("without-locations"), model, policy.memory).maps(scene, "left block")
+    free = Gem(SMALL.ablated("without-locations"), model, policy.memory).maps(scene, "left block")
     maps = policy.maps(scene, "left block")
     assert free.image is not None and not np.array_equal(free.fused, free.text)
     for name in ("text", "fused"):
-        expected = locations.located(getattr(free, name), "left", SMALL.workspace)
+        expected = location_words.located(getattr(free, name), "left", SMALL.workspace)
         assert np.array_equal(getattr(maps, name), expected)
         assert not np.array_equal(expected, getattr(free, name))
 
 
 def test_the_place_crop_has_the_map_of_the_pick(model):
-    policy = Policy(SMALL, model)
+    policy = Gem(SMALL, model)
     maps = {"pick": torch.rand(1, 1, 32, 32), "place": torch.rand(1, 1, 32, 32)}
     crop = policy.place_crop(Inputs(rgbd=torch.rand(1, 4, 32, 32), maps=maps), torch.tensor([[16, 16]]))
     half = SMALL.crop // 2

@@ -15,7 +15,7 @@ from gem_lite import clip
 from gem_lite.cli import main
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.checkpoints import card_path, load_policy, read_card, save_policy
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.observation import Observation
 
@@ -34,7 +34,7 @@ def model():
 @pytest.fixture(scope="module")
 def policy(model):
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
-    return Policy(SMALL, model, CropMemory([CropEntry("red block", picture, "t", 0)], model), seed=1)
+    return Gem(SMALL, model, CropMemory([CropEntry("red block", picture, "t", 0)], model), seed=1)
 
 
 def same(one, other):
@@ -42,7 +42,7 @@ def same(one, other):
 
 
 def test_names_with_a_dot_are_told_apart(policy, model, tmp_path):
-    other = Policy(SMALL, model, policy.memory, seed=2)
+    other = Gem(SMALL, model, policy.memory, seed=2)
     save_policy(policy, tmp_path / "lr-0.1.safetensors", {})
     save_policy(other, tmp_path / "lr-0.2.safetensors", {})
     assert sorted(path.name for path in tmp_path.iterdir()) == [
@@ -85,7 +85,7 @@ def test_a_save_that_fails_between_its_two_files_leaves_the_old_policy(policy, m
 
     monkeypatch.setattr(os, "replace", replace)
     with pytest.raises(OSError, match="denied"):
-        save_policy(Policy(SMALL, model, policy.memory, seed=2), path, {})
+        save_policy(Gem(SMALL, model, policy.memory, seed=2), path, {})
     assert same(load_policy(path, model), policy)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
 

@@ -13,13 +13,13 @@ from gem_lite import clip
 from gem_lite.cli import APP, base, main
 from gem_lite.clip import calibration
 from gem_lite.evaluation import collecting, results
-from gem_lite.learning import train
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import GemConfig
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.tasks import SPLITS, variants
 from gem_lite.tasks import names as task_names
+from gem_lite.training import train
 
 TASK = "put-block-in-bowl-seen-colors"
 DEMONSTRATIONS = str(clip.DATA / "demos" / f"{TASK}-10")
@@ -118,7 +118,7 @@ def test_helps_say_what_the_library_has():
 def test_names_are_those_of_the_library(capsys):
     assert main(["names"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {f"  {name}" for name in (*task_names(), *worlds.names())} <= set(lines)
+    assert {f"  {name}" for name in (*task_names(), *looks.names())} <= set(lines)
     assert {line.split()[0] for line in lines} >= set(methods.meanings())
 
 

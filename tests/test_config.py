@@ -10,7 +10,7 @@ from gem_lite.config import Config
 from gem_lite.policies import methods
 from gem_lite.policies.cliport import ClipPortConfig
 from gem_lite.policies.gem_config import LITE, GemConfig
-from gem_lite.policies.samples import Inputs, label, right_bins
+from gem_lite.policies.inputs import Inputs, label, right_bins
 from gem_lite.policies.transporter import TransporterConfig
 from gem_lite.se2 import Pose2
 

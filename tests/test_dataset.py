@@ -12,10 +12,10 @@ import pytest
 import torch
 
 from gem_lite import clip, demonstrations
-from gem_lite.learning import dataset, mixture, train
 from gem_lite.policies import methods
-from gem_lite.policies.samples import PreparedStep, Sample
+from gem_lite.policies.inputs import PreparedStep, Sample
 from gem_lite.policies.transporter import TransporterLan
+from gem_lite.training import mixture, step_files, train
 
 SMALL = dataclasses.replace(
     methods.find("transporter-lan")[1], widths=(4, 4, 8, 8), angles=12, query=15, steps=3, batch=2
@@ -51,7 +51,7 @@ def values(sample: Sample) -> list:
 
 
 def test_a_step_comes_back_as_it_was(tmp_path):
-    stored = dataset.store(steps_from(3), tmp_path / "steps", SOURCE)
+    stored = step_files.store(steps_from(3), tmp_path / "steps", SOURCE)
     assert len(stored) == 3
     for number, step in enumerate(stored):
         fresh = made_step(number)
@@ -64,8 +64,8 @@ def test_a_step_comes_back_as_it_was(tmp_path):
 
 def test_what_both_samples_share_is_stored_once(tmp_path):
     step = made_step(1)
-    dataset.store(lambda _: [(step[1], step[1])], tmp_path / "same", SOURCE)
-    differ = dataset.store(lambda _: [step], tmp_path / "differ", SOURCE)
+    step_files.store(lambda _: [(step[1], step[1])], tmp_path / "same", SOURCE)
+    differ = step_files.store(lambda _: [step], tmp_path / "differ", SOURCE)
     bytes_of = {
         name: sum(len(zlib.decompress(path.read_bytes())) for path in (tmp_path / name).glob("step*"))
         for name in ("same", "differ")
@@ -80,10 +80,10 @@ def test_real_steps_give_the_same_weights_from_files_as_from_memory(demo_set, tm
     model, demos, weights, prints = clip.load(), demonstrations.load(demo_set[0]), [], set()
     for folder in (None, tmp_path / "steps"):
         policy = TransporterLan(SMALL, model, seed=2)
-        steps = dataset.prepare(policy, demos, folder) if folder else list(policy.prepare(demos))
+        steps = step_files.prepare(policy, demos, folder) if folder else list(policy.prepare(demos))
         train.train(policy, steps, 2, tmp_path / f"run-{folder is None}")
         weights.append(torch.cat([p.detach().flatten() for p in policy.parameters()]))
-        prints.add(dataset.fingerprint(steps))
+        prints.add(step_files.fingerprint(steps))
     assert torch.equal(*weights)
     assert len(prints) == 1
 
@@ -101,11 +101,11 @@ def test_real_steps_give_the_same_weights_from_files_as_from_memory(demo_set, tm
 )
 def test_the_fingerprint_depends_on_all_that_a_step_holds(change, tmp_path):
     steps = [made_step(0), made_step(1)]
-    stored = dataset.store(lambda start: steps[start:], tmp_path, SOURCE)
-    assert dataset.fingerprint(stored) == dataset.fingerprint(steps) == dataset.fingerprint(list(stored))
+    stored = step_files.store(lambda start: steps[start:], tmp_path, SOURCE)
+    assert step_files.fingerprint(stored) == step_files.fingerprint(steps) == step_files.fingerprint(list(stored))
     changed = change(steps[0])
-    assert dataset.fingerprint([changed, steps[1]]) != stored.fingerprint
-    assert dataset.fingerprint(steps[::-1]) != stored.fingerprint
+    assert step_files.fingerprint([changed, steps[1]]) != stored.fingerprint
+    assert step_files.fingerprint(steps[::-1]) != stored.fingerprint
 
 
 def test_a_stopped_preparation_is_finished_and_a_finished_one_is_not_begun_again(tmp_path):
@@ -114,37 +114,39 @@ def test_a_stopped_preparation_is_finished_and_a_finished_one_is_not_begun_again
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        dataset.store(stopped, tmp_path / "steps", SOURCE)
+        step_files.store(stopped, tmp_path / "steps", SOURCE)
     asked = []
     for _ in range(2):
-        resumed = dataset.store(lambda start: asked.append(start) or steps_from(4)(start), tmp_path / "steps", SOURCE)
+        resumed = step_files.store(
+            lambda start: asked.append(start) or steps_from(4)(start), tmp_path / "steps", SOURCE
+        )
     assert asked == [2]
-    assert resumed.fingerprint == dataset.store(steps_from(4), tmp_path / "whole", SOURCE).fingerprint
+    assert resumed.fingerprint == step_files.store(steps_from(4), tmp_path / "whole", SOURCE).fingerprint
 
 
 def test_steps_of_another_source_are_refused_and_those_of_another_program_made_anew(tmp_path, capsys):
-    first = dataset.store(steps_from(2), tmp_path, SOURCE, code="old")
+    first = step_files.store(steps_from(2), tmp_path, SOURCE, code="old")
     with pytest.raises(ValueError, match="holds steps prepared from another method: give another folder by --state"):
-        dataset.store(steps_from(2), tmp_path, SOURCE | {"method": "n"}, code="old")
+        step_files.store(steps_from(2), tmp_path, SOURCE | {"method": "n"}, code="old")
     assert len(list(first)) == 2, "what was refused is untouched"
-    again = dataset.store(steps_from(3), tmp_path, SOURCE, code="new")
+    again = step_files.store(steps_from(3), tmp_path, SOURCE, code="new")
     assert len(again) == 3
     assert "prepared again" in capsys.readouterr().out
 
 
 def test_the_key_of_prepared_steps_holds_what_decides_them(demo_set, tmp_path):
     model, demos = clip.load(), demonstrations.load(demo_set[0])
-    dataset.prepare(TransporterLan(SMALL, model), demos[:1], tmp_path)
+    step_files.prepare(TransporterLan(SMALL, model), demos[:1], tmp_path)
     source = json.loads((tmp_path / "manifest.json").read_text())["source"]
     assert source["clip"] == model.fingerprint
     with pytest.raises(ValueError, match="another data"):
-        dataset.prepare(TransporterLan(SMALL, model), demos, tmp_path)
+        step_files.prepare(TransporterLan(SMALL, model), demos, tmp_path)
     with pytest.raises(ValueError, match="another config"):
-        dataset.prepare(TransporterLan(dataclasses.replace(SMALL, parsing=False), model), demos[:1], tmp_path)
+        step_files.prepare(TransporterLan(dataclasses.replace(SMALL, parsing=False), model), demos[:1], tmp_path)
 
 
 def test_a_damaged_step_is_refused(tmp_path):
-    stored = dataset.store(steps_from(2), tmp_path, SOURCE)
+    stored = step_files.store(steps_from(2), tmp_path, SOURCE)
     first, second = (tmp_path / name for name in stored.sums)
     first.write_bytes(first.read_bytes()[:-1])
     second.unlink()
@@ -155,9 +157,9 @@ def test_a_damaged_step_is_refused(tmp_path):
 
 
 def test_steps_of_a_folder_that_was_cleaned_in_part_are_made_anew(tmp_path, capsys):
-    stored = dataset.store(steps_from(3), tmp_path, SOURCE)
+    stored = step_files.store(steps_from(3), tmp_path, SOURCE)
     (tmp_path / list(stored.sums)[1]).unlink()
-    again = dataset.store(steps_from(3), tmp_path, SOURCE)
+    again = step_files.store(steps_from(3), tmp_path, SOURCE)
     assert "step-000001.safetensors.zlib is missing" in capsys.readouterr().out
     assert again.fingerprint == stored.fingerprint
     assert len(list(again)) == 3
@@ -180,7 +182,7 @@ def test_no_more_steps_are_alive_while_they_are_made_or_drawn_than_one_needs(tmp
             yield step
             del step
 
-    stored = dataset.store(counted, tmp_path, SOURCE)
+    stored = step_files.store(counted, tmp_path, SOURCE)
     assert most_made <= 2, "the one being made, and the one before"
     assert live_tensors() == before
     rng = np.random.default_rng(0)

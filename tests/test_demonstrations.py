@@ -27,7 +27,7 @@ from gem_lite.policies.checkpoints import read_card
 from gem_lite.registry import Registry
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 
 TASK = "put-block-in-bowl-seen-colors"
 
@@ -411,9 +411,9 @@ def test_a_saved_set_is_not_taken_for_the_beginning_of_a_collection(demo_set, tm
 
 
 def test_the_world_is_kept_with_the_set(demo_set, tmp_path, monkeypatch):
-    monkeypatch.setattr(worlds, "WORLDS", Registry("world"))
-    worlds.register(worlds.HOME)
-    worlds.register(worlds.WorldStyle("elsewhere"))
+    monkeypatch.setattr(looks, "WORLDS", Registry("world"))
+    looks.register(looks.HOME)
+    looks.register(looks.Look("elsewhere"))
     collect(TASK, 1, tmp_path, world="elsewhere")
     assert read_manifest(tmp_path)["world"] == load(tmp_path)[0].world == "elsewhere"
     assert read_manifest(demo_set[0])["world"] == demo_set[1][0].world == "home"

@@ -13,7 +13,6 @@ from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import worlds
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 
@@ -74,7 +73,7 @@ def test_a_world_is_chosen_by_its_name(monkeypatch):
             super().__init__(**arguments)
 
     monkeypatch.setattr(evaluate, "World", Watched)
-    evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), worlds.style("shadows"), range(1)))
+    evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), looks.style("shadows"), range(1)))
     assert looks == ["shadows"]
     with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
         evaluate.evaluate(Measurement("expert", TASK, 1, world="mars"))

@@ -10,14 +10,14 @@ import torch
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
-from gem_lite.maps import locations
+from gem_lite.maps import location_words
 from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.gates import Gate, gated, near_peak
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import Inputs
+from gem_lite.policies.inputs import Inputs
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
 
@@ -168,7 +168,7 @@ def test_no_act_changes_nothing(name, monkeypatch):
 
 @pytest.mark.parametrize("training", [True, False])
 def test_acting_leaves_the_mode_as_it_was(training):
-    policy = Policy(SMALL, types.SimpleNamespace(dim=D)).train(training)
+    policy = Gem(SMALL, types.SimpleNamespace(dim=D)).train(training)
     semantic = torch.rand(1, *SHAPE)
     words = {"pick": torch.randn(policy.language_dim), "place": torch.randn(policy.language_dim)}
     inputs = Inputs(rgbd=torch.rand(4, *SHAPE), maps={"pick": semantic, "place": semantic}, words=words)
@@ -236,7 +236,7 @@ def test_a_rival_with_the_rules_keeps_to_the_same_cells_as_gem(monkeypatch):
     assert set(rival.gates((), None, Queries("red block", "star hole"))) == {"pick"}, "as GEM's place, free"
     assert set(rival.gates((), None, Queries("red block", "left star hole", push=True))) == {"place"}
     assert policy_of("transporter-lan").gates((), None, Queries("red block", "left star hole")) == {}
-    assert locations.location_word("left star hole") == "left"
+    assert location_words.location_word("left star hole") == "left"
 
 
 @pytest.mark.parametrize("name", ["transporter-lan-with-one-pick-angle", "cliport-with-one-pick-angle"])
@@ -250,4 +250,4 @@ def test_one_pick_angle_is_yaw_0(name, monkeypatch):
 
 
 def test_a_method_of_somebody_else_has_no_gates():
-    assert PickPlacePolicy.gates(None, (), None, Queries("a", "b")) == {}
+    assert Policy.gates(None, (), None, Queries("a", "b")) == {}

@@ -10,8 +10,8 @@ from gem_lite.policies import methods, networks
 from gem_lite.policies.augment import apply, random_motion, recolored, rescaled
 from gem_lite.policies.gem import PickModule, PlaceModule
 from gem_lite.policies.gem_config import LITE, PAPER, GemConfig
+from gem_lite.policies.inputs import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
-from gem_lite.policies.samples import Sample, crop_at, cross_entropy, right_bins
 from gem_lite.se2 import ImageMotion
 
 D = 16

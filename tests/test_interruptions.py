@@ -15,11 +15,11 @@ import torch
 
 from gem_lite import clip
 from gem_lite.cli import main
-from gem_lite.learning import train
 from gem_lite.policies import checkpoints, transporter
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
+from gem_lite.training import train
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
@@ -33,12 +33,12 @@ def model():
 
 @pytest.fixture(scope="module")
 def prepared(model, demo_set):
-    policy = Policy(SMALL, model)
+    policy = Gem(SMALL, model)
     policy.remember(demo_set[1])
     return list(policy.prepare(demo_set[1])), policy.memory
 
 
-def weights(policy: Policy) -> torch.Tensor:
+def weights(policy: Gem) -> torch.Tensor:
     return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
@@ -46,29 +46,29 @@ def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, 
     steps, memory = prepared
     monkeypatch.setattr(train, "SAVE_EVERY", 1)
     calls = []
-    honest = Policy.losses
+    honest = Gem.losses
 
     def spoilt(*args):
         calls.append(1)
         losses = honest(*args)
         return losses | {"pick": losses["pick"] * float("nan")} if len(calls) == 3 else losses
 
-    monkeypatch.setattr(Policy, "losses", spoilt)
+    monkeypatch.setattr(Gem, "losses", spoilt)
     with pytest.raises(FloatingPointError, match=r"pick loss is nan at step 2; .*state.pt holds step 2, intact"):
-        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+        train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
     assert torch.load(tmp_path / "state.pt")["step"] == 2
 
 
 def test_a_gradient_that_is_not_finite_never_reaches_the_weights(prepared, model, tmp_path, monkeypatch):
     steps, memory = prepared
-    honest = Policy.losses
+    honest = Gem.losses
 
     def steep(*args):
         losses = honest(*args)
         return losses | {"place": (losses["place"] * 0).sqrt()}  # 0, with a slope of infinity times 0
 
-    monkeypatch.setattr(Policy, "losses", steep)
-    policy = Policy(SMALL, model, memory)
+    monkeypatch.setattr(Gem, "losses", steep)
+    policy = Gem(SMALL, model, memory)
     before = [parameter.clone() for parameter in policy.place.parameters()]
     with pytest.raises(FloatingPointError, match="place gradient is nan at step 0; no state had been saved yet"):
         train.train(policy, steps, seed=0, run=tmp_path)
@@ -96,9 +96,9 @@ def test_a_full_disk_leaves_the_last_state(prepared, model, tmp_path, monkeypatc
     with monkeypatch.context() as patch:
         fail_from_the_nth_write(patch, 3, "state")
         with pytest.raises(OSError, match=r"state of step 3 cannot be saved .*No space left.* holds step 2, intact"):
-            train.train(Policy(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "full")
+            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "full")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["state.pt"]
-    resumed, whole = Policy(SMALL, model, memory), Policy(SMALL, model, memory, seed=3)
+    resumed, whole = Gem(SMALL, model, memory), Gem(SMALL, model, memory, seed=3)
     train.train(resumed, steps, seed=3, run=tmp_path / "full")
     train.train(whole, steps, seed=3, run=tmp_path / "whole")
     assert torch.allclose(weights(resumed), weights(whole), atol=1e-6)
@@ -106,12 +106,12 @@ def test_a_full_disk_leaves_the_last_state(prepared, model, tmp_path, monkeypatc
 
 @pytest.mark.parametrize("file", ["safetensors", "json"])
 def test_a_full_disk_leaves_the_old_checkpoint(file, prepared, model, tmp_path, monkeypatch):
-    old, path = Policy(SMALL, model, prepared[1], seed=1), tmp_path / "policy.safetensors"
+    old, path = Gem(SMALL, model, prepared[1], seed=1), tmp_path / "policy.safetensors"
     save_policy(old, path, {})
     with monkeypatch.context() as patch:
         fail_from_the_nth_write(patch, 1, file)
         with pytest.raises(OSError, match="No space left"):
-            save_policy(Policy(SMALL, model, prepared[1], seed=2), path, {})
+            save_policy(Gem(SMALL, model, prepared[1], seed=2), path, {})
     assert torch.equal(weights(load_policy(path, model)), weights(old))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
 
@@ -119,8 +119,8 @@ def test_a_full_disk_leaves_the_old_checkpoint(file, prepared, model, tmp_path, 
 KILLED = """
 import os, pickle, signal, sys, types
 from pathlib import Path
-from gem_lite.learning import train
-from gem_lite.policies.gem import Policy
+from gem_lite.training import train
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.transporter import TransporterConfig
 
 run = Path(sys.argv[1])
@@ -153,7 +153,7 @@ def draw(*args):
     return make_batch(*args)
 
 Path.write_bytes, os.replace, train.make_batch = write, rename, draw
-train.train(Policy(settings, types.SimpleNamespace(dim=dim), seed=3), steps, seed=3, run=run)
+train.train(Gem(settings, types.SimpleNamespace(dim=dim), seed=3), steps, seed=3, run=run)
 """
 MOMENTS = {
     "half of the third state is written": 2,
@@ -172,7 +172,7 @@ def test_a_kill_at_any_moment_leaves_a_state_to_go_on_from(moment, prepared, mod
     child = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), moment], stderr=subprocess.DEVNULL)
     assert child.returncode == -signal.SIGKILL
     assert torch.load(tmp_path / "state.pt")["step"] == MOMENTS[moment]
-    resumed, whole = (Policy(settings, types.SimpleNamespace(dim=model.dim), seed=seed) for seed in (99, 3))
+    resumed, whole = (Gem(settings, types.SimpleNamespace(dim=model.dim), seed=seed) for seed in (99, 3))
     train.train(resumed, steps, seed=3, run=tmp_path)
     train.train(whole, steps, seed=3, run=tmp_path / "whole")
     assert torch.allclose(weights(resumed), weights(whole), atol=1e-4)
@@ -183,9 +183,9 @@ import pickle, sys, types
 from pathlib import Path
 from accelerate import PartialState
 from gem_lite import clip, demonstrations
-from gem_lite.learning import train
+from gem_lite.training import train
 from gem_lite.policies import methods
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.transporter import TransporterConfig
 
 folder, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
@@ -200,7 +200,7 @@ steps = train.prepared_steps(policy, demos, folder)
 (folder / f"prepared-{rank}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
 
 settings, dim, steps = pickle.loads((folder / "given").read_bytes())
-policy = Policy(settings, types.SimpleNamespace(dim=dim), seed=3)
+policy = Gem(settings, types.SimpleNamespace(dim=dim), seed=3)
 train.train(policy, steps, seed=3, run=folder)
 weights = {name: module.state_dict() for name, module in policy.roles.items()}
 (folder / f"weights-{rank}").write_bytes(pickle.dumps(weights))
@@ -225,7 +225,7 @@ def team(prepared, model, demo_set, tmp_path_factory):
 def test_several_processes_average_their_gradients(team, prepared, model, tmp_path):
     first, second = (pickle.loads((team / f"weights-{rank}").read_bytes()) for rank in (0, 1))
     assert torch.load(team / "state.pt")["identity"]["processes"] == 2
-    alone = Policy(TEAM_SETTINGS, types.SimpleNamespace(dim=model.dim), seed=3)
+    alone = Gem(TEAM_SETTINGS, types.SimpleNamespace(dim=model.dim), seed=3)
     train.train(alone, prepared[0], seed=3, run=tmp_path)
     for role, module in alone.roles.items():
         assert all(torch.equal(first[role][name], second[role][name]) for name in first[role])
@@ -315,11 +315,11 @@ def test_a_damaged_state_is_named(content, prepared, model, tmp_path):
     steps, memory = prepared
     state = tmp_path / "state.pt"
     if content is None:
-        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+        train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
         content = state.read_bytes()[:-1000]
     state.write_bytes(content)
     with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training: remove it to begin anew$"):
-        train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+        train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
 
 
 def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):

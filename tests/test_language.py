@@ -6,7 +6,7 @@ import pytest
 from experiments.clip_tabletop import vocabulary
 from gem_lite import colors, language, tasks
 from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
-from gem_lite.maps import locations
+from gem_lite.maps import location_words
 from gem_lite.simulation.bodies import objects, ropes, shapes
 from gem_lite.tasks import stack_block_pyramid
 
@@ -248,7 +248,7 @@ def assert_read_as_written(sentence):
         assert conjuncts(phrase) == ((f"{both[1]} blocks", f"{both[2]} blocks") if both else (phrase,))
         first, second, *_ = [*phrase.split(), ""]
         located = first in ("left", "right", "top", "bottom", "middle") and second != "of"
-        assert locations.location_word(phrase) == (first if located else None)
+        assert location_words.location_word(phrase) == (first if located else None)
 
 
 @pytest.mark.parametrize("name", tasks.names())
@@ -514,7 +514,7 @@ def test_names_are_no_reason_to_refuse(name):
     assert parse(f"pack the {name} in the brown box") == Queries(name, "brown box")
     assert parse(f"pack all the {name} objects in the brown box") == Queries(f"{name} objects", "brown box")
     assert conjuncts(name) == (name,) and conjuncts(f"{name} objects") == (f"{name} objects",)
-    assert locations.location_word(name) is None
+    assert location_words.location_word(name) is None
 
 
 @pytest.mark.parametrize(

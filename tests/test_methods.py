@@ -10,13 +10,13 @@ from torch import nn
 from gem_lite import clip
 from gem_lite.config import SHARED_ABLATIONS, Ablation, Config
 from gem_lite.language import Queries
-from gem_lite.learning import train
 from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.samples import Inputs, to_rgbd
+from gem_lite.policies.inputs import Inputs, to_rgbd
 from gem_lite.policies.transporter import TopView
 from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.training import train
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ToyConfig(Config):
     bias: bool = True
 
 
-class Toy(PickPlacePolicy):
+class Toy(Policy):
     """One linear layer a pixel."""
 
     method = "toy"

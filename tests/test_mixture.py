@@ -8,13 +8,13 @@ import pytest
 from gem_lite import clip, demonstrations
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.evaluation import collecting
-from gem_lite.learning import dataset, train
-from gem_lite.learning.mixture import Joined, draw
 from gem_lite.maps.crop_memory import demonstrated_crops
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
+from gem_lite.training import step_files, train
+from gem_lite.training.mixture import Joined, draw
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
@@ -65,7 +65,7 @@ def test_every_task_is_drawn_equally_often():
 def test_one_policy_is_trained_on_two_tasks_and_remembers_both(folders, tmp_path):
     bowl, packing = folders
     checkpoint = tmp_path / "multi.safetensors"
-    card = train.train_from_folder(bowl, checkpoint, Policy, MULTI, tmp_path / "run", also=(packing,))
+    card = train.train_from_folder(bowl, checkpoint, Gem, MULTI, tmp_path / "run", also=(packing,))
     assert card["method"] == "gem-multi" and card["demos"] == 2
     assert card["task"] == "put-block-in-bowl-seen-colors + packing-shapes-seen"
     policy = load_policy(checkpoint, clip.load())
@@ -77,25 +77,25 @@ def test_the_number_of_folders_must_fit_the_method(folders, tmp_path):
     bowl, packing = folders
     for settings, also in ((SMALL, (packing,)), (MULTI, ())):
         with pytest.raises(ValueError, match="ending 'multi' needs several folders"):
-            train.train_from_folder(bowl, tmp_path / "a.safetensors", Policy, settings, tmp_path / "run", also=also)
+            train.train_from_folder(bowl, tmp_path / "a.safetensors", Gem, settings, tmp_path / "run", also=also)
     assert not (tmp_path / "a.safetensors").exists()
 
 
 def test_other_tasks_change_the_data_of_a_multi_task_training(folders):
     bowl, packing = (demonstrations.load(folder) for folder in folders)
     model = clip.load()
-    policy = Policy(MULTI, model)
+    policy = Gem(MULTI, model)
     policy.remember(Joined([bowl, packing]))
     steps = Joined([list(policy.prepare(bowl)), list(policy.prepare(packing))])
     swapped = Joined(steps.parts[::-1])
-    assert dataset.fingerprint(steps) != dataset.fingerprint(swapped)
-    assert dataset.fingerprint(steps) == dataset.fingerprint(Joined(steps.parts))
+    assert step_files.fingerprint(steps) != step_files.fingerprint(swapped)
+    assert step_files.fingerprint(steps) == step_files.fingerprint(Joined(steps.parts))
 
 
 def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set):
     demos = [pushed(demonstration) for demonstration in demo_set[1]]
     model = clip.load()
-    policy = Policy(SMALL, model)
+    policy = Gem(SMALL, model)
     policy.remember(demos)
     count = sum(len(demonstration.steps) for demonstration in demos)
     assert len(policy.memory.entries) == 2 * count  # the start and the end of every push

@@ -10,13 +10,13 @@ import torch
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation import driving, worlds
+from gem_lite.simulation import finding_tables, looks
 from gem_lite.simulation.bodies import shapes, tag_plates
 from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
@@ -56,7 +56,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def policy():
-    return Policy(MOBILE, clip.load(), seed=0)
+    return Gem(MOBILE, clip.load(), seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -140,12 +140,12 @@ def scored(monkeypatch, pick, place):
             logits[table, angle, row, col] = value
         return logits
 
-    monkeypatch.setattr(Policy, "score_picks", lambda self, inputs: logits_of(pick, inputs))
-    monkeypatch.setattr(Policy, "score_places", lambda self, inputs, table, pixel: logits_of(place, inputs))
+    monkeypatch.setattr(Gem, "score_picks", lambda self, inputs: logits_of(pick, inputs))
+    monkeypatch.setattr(Gem, "score_places", lambda self, inputs, table, pixel: logits_of(place, inputs))
 
 
 def test_the_place_yaw_adds_the_angle_to_the_yaw_of_the_pick(policy, observations, monkeypatch):
-    free = Policy(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
+    free = Gem(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
     scored(monkeypatch, [(1, 5, 30, 20, 1.0)], [(2, 7, 90, 60, 1.0)])
     choice = free.decide_over(observations, "pick the mug and place into the recycle box")
     assert (choice.pick_table, choice.place_table) == (1, 2)
@@ -159,7 +159,7 @@ def test_the_place_yaw_adds_the_angle_to_the_yaw_of_the_pick(policy, observation
 
 
 def test_nothing_is_put_back_as_it_lay_on_its_own_table(policy, observations, monkeypatch):
-    free = Policy(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
+    free = Gem(replace(MOBILE, peak_margin=None), policy.clip, seed=0)
     pick = [(1, 5, 30, 20, 1.0)]
     sentence = "pick the mug and place into the recycle box"
     scored(monkeypatch, pick, [(1, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
@@ -197,7 +197,7 @@ def test_a_method_that_makes_no_kernel_is_refused_by_name(method, policy, observ
 
 @pytest.mark.parametrize("ending", ["with-free-kernels", "without-steerable-kernel", "without-semantic-map"])
 def test_ablations_choose_over_several_tables(ending, policy, observations):
-    ablation = Policy(MOBILE.ablated(ending), policy.clip)
+    ablation = Gem(MOBILE.ablated(ending), policy.clip)
     choice = ablation.decide_over(observations, "pick the mug and place into the recycle box")
     assert choice.pick_logits.shape == choice.place_logits.shape == (3, MOBILE.angles, *MOBILE.workspace.shape)
 
@@ -206,7 +206,7 @@ def test_ablations_choose_over_several_tables(ending, policy, observations):
 def test_a_policy_on_a_gpu_chooses_there(policy, observations):
     sentence = "pick the mug and place into the recycle box"
     here = policy.decide_over(observations, sentence)
-    there = Policy(MOBILE, policy.clip, seed=0).to("cuda").decide_over(observations, sentence)
+    there = Gem(MOBILE, policy.clip, seed=0).to("cuda").decide_over(observations, sentence)
     assert there.inputs.rgbd.device.type == "cpu"
     assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
 
@@ -247,8 +247,8 @@ def test_an_error_of_the_estimate_moves_the_act(world, monkeypatch):
         block, start = world.task.blocks[0], inside(world, world.task.blocks[0], 0)
 
         def find(world, table):
-            shifted = driving.disturbed(driving.ask_simulator, Pose2(0.0, 0.015))
-            return (shifted if table in wrong_tables else driving.ask_simulator)(world, table)
+            shifted = finding_tables.disturbed(finding_tables.ask_simulator, Pose2(0.0, 0.015))
+            return (shifted if table in wrong_tables else finding_tables.ask_simulator)(world, table)
 
         place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
         monkeypatch.setattr(world, "find", find)
@@ -279,7 +279,7 @@ def errors(world, looks):
     w, away, turned = world.workspace, [], []
     grid = [(x, y) for x in np.linspace(w.x_min, w.x_max, 4) for y in np.linspace(w.y_min, w.y_max, 7)]
     for number in range(looks):
-        estimate, true = driving.localise(world, number % 2), world.true_table(number % 2)
+        estimate, true = finding_tables.localise(world, number % 2), world.true_table(number % 2)
         for x, y in grid:
             one, other = estimate @ Pose2(x, y), true @ Pose2(x, y)
             away.append(math.hypot(one.x - other.x, one.y - other.y))
@@ -328,8 +328,8 @@ def test_a_half_hidden_tag_does_not_count(world):
     at = world.tables[0] @ world.tag @ Pose2(0.0, 0.05)
     shapes.add_box(world.client, (0.16, 0.06, 0.01), (0.3, 0.3, 0.3, 1), at, movable=False)
     with pytest.raises(tags.LocalisationError, match=r"table 0 cannot be localised.*15 cm aside.*no tag at all"):
-        driving.localise(world, 0)
-    assert driving.localise(world, 1)
+        finding_tables.localise(world, 0)
+    assert finding_tables.localise(world, 1)
 
 
 def test_a_second_look_from_elsewhere(world, monkeypatch):
@@ -344,7 +344,7 @@ def test_a_second_look_from_elsewhere(world, monkeypatch):
         return view
 
     monkeypatch.setattr(world, "look", first_blind)
-    estimate = driving.localise(world, 0)
+    estimate = finding_tables.localise(world, 0)
     assert blind and abs((world.tables[0].inverse() @ world.base).y) > 0.08
     assert math.hypot(estimate.x - world.true_table(0).x, estimate.y - world.true_table(0).y) < 0.005
 
@@ -369,7 +369,7 @@ def test_tags_have_numbers(world):
 
 @pytest.fixture(scope="module")
 def two_tables():
-    with MobileWorld(side_by_side(2), find=driving.ask_simulator) as world:
+    with MobileWorld(side_by_side(2), find=finding_tables.ask_simulator) as world:
         yield world
 
 
@@ -398,7 +398,7 @@ def test_a_task_of_one_table_lies_on_the_first_and_goes_on_to_its_end(two_tables
 
 def test_a_policy_chooses_over_both_tables_for_a_task_of_one(two_tables, policy):
     task = tasks.make("stack-block-pyramid-seq-seen-colors", "val")
-    on_this_table = Policy(LITE.on_table(task.workspace.length), policy.clip, seed=0)
+    on_this_table = Gem(LITE.on_table(task.workspace.length), policy.clip, seed=0)
     seen = two_tables.reset(task, tasks.episode_seed("val", 0))
     first = on_this_table.decide_over(seen, task.instruction)
     assert np.ptp(first.pick_logits[0]) > 3 * np.ptp(first.pick_logits[1])  # the second table is bare
@@ -441,7 +441,7 @@ def test_sorting_goes_through_its_objects_and_keeps_the_sets_apart(no_pictures):
 def test_a_world_of_several_tables_has_a_style():
     pictures = []
     for name in ("home", "bright-light"):
-        with MobileWorld(TABLES, STILL, style=worlds.style(name)) as styled:
+        with MobileWorld(TABLES, STILL, style=looks.style(name)) as styled:
             styled.clear()
             pictures.append(styled.observe()[0].views[0].rgb.astype(int))
     assert (pictures[1] - pictures[0]).mean() > 5

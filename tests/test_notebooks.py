@@ -12,7 +12,6 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25
 """Lines that a reader follows at once."""
-MOST_CELLS = 45
 TAG = "nbval-check-output"
 PARTS = ["exercise", "check", "solution"]
 """Tags of an exercise's code cells, in this order."""
@@ -61,10 +60,6 @@ def test_texts_are_texts(notebook):
 def test_cells_are_short(notebook):
     for cell in code_cells(notebook[1]):
         assert len(cell.source.splitlines()) <= LONGEST_CELL, cell.source
-
-
-def test_lessons_are_short(notebook):
-    assert len(notebook[1].cells) <= MOST_CELLS
 
 
 def test_no_error_but_the_intended(notebook):

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite import clip
 from gem_lite.cli import main
-from gem_lite.maps import looking
+from gem_lite.maps import places
 from gem_lite.policies import checkpoints
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
@@ -313,9 +313,9 @@ def policy():
 @pytest.mark.parametrize("scene", SCENES)
 def test_pictures_that_were_read_as_bgr_are_found(scene, policy):
     views = Observation.load(FOREIGN / scene).views
-    gain = looking.gain_by_swapping(views, tuple(things(scene)), policy.source)
+    gain = places.gain_by_swapping(views, tuple(things(scene)), policy.source)
     assert gain < 0, "as they are, the words fit better"
-    assert -gain > looking.SWAP_MARGIN, "exchanged, they are found"
+    assert -gain > places.SWAP_MARGIN, "exchanged, they are found"
 
 
 def test_maps_and_picks_find_the_named_things_of_foreign_scenes(policy):
@@ -326,7 +326,7 @@ def test_maps_and_picks_find_the_named_things_of_foreign_scenes(policy):
         for sentence in sentences:
             phrase = policy.read(sentence).pick
             x, y = known[phrase]
-            best = looking.best_places(policy.maps(embedded, phrase).fused, policy.config)[0]
+            best = places.best_places(policy.maps(embedded, phrase).fused, policy.config)[0]
             pointed += math.hypot(best.x - x, best.y - y) <= 0.02
             pick = policy.act(observation, sentence).pick
             nearest = min(known, key=lambda name: math.hypot(pick.x - known[name][0], pick.y - known[name][1]))

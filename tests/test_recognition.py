@@ -10,7 +10,7 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery
-from gem_lite.maps import recognition
+from gem_lite.maps import refusal
 from gem_lite.policies import checkpoints
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
@@ -74,57 +74,57 @@ def painted(table, *unknown, **values):
 
 
 def test_alternatives_change_the_colour_or_the_noun():
-    others = recognition.alternatives("red block", ("block", "bowl"))
+    others = refusal.alternatives("red block", ("block", "bowl"))
     assert "red bowl" in others and "blue block" in others and "red block" not in others
-    assert len(others) == len(recognition.OTHER_COLORS) - 1 + 1
-    assert recognition.alternatives("hammer", ("hammer", "spoon")) == ["spoon"]
-    piles = recognition.alternatives("pile of red blocks", ("spoon",))
+    assert len(others) == len(refusal.OTHER_COLORS) - 1 + 1
+    assert refusal.alternatives("hammer", ("hammer", "spoon")) == ["spoon"]
+    piles = refusal.alternatives("pile of red blocks", ("spoon",))
     assert "pile of blue blocks" in piles and "red spoon" in piles
 
 
 def test_a_less_exact_phrase_is_no_alternative():
-    others = recognition.alternatives("lightest brown block", ("block", "bowl"))
+    others = refusal.alternatives("lightest brown block", ("block", "bowl"))
     assert "brown block" not in others and "pink block" in others and "lightest brown bowl" in others
     assert not any("lightest" in other and "brown" not in other for other in others)
-    assert "block" not in recognition.alternatives("small block", ("block", "bowl"))
+    assert "block" not in refusal.alternatives("small block", ("block", "bowl"))
 
 
 def test_a_noun_without_alternatives_is_no_error(table):
     source = painted(table, hammer=(0.7, 0.1))
-    found = recognition.fit(table, "hammer", source, nouns=("hammer",))
+    found = refusal.fit(table, "hammer", source, nouns=("hammer",))
     assert found.score == pytest.approx(0.7) and found.alternative == ""
-    assert recognition.refusal(table, ["hammer"], source, nouns=("hammer",)) is None
-    assert recognition.refusal(table, ["spoon"], source, nouns=("spoon",)).endswith("looks like it")
+    assert refusal.refusal(table, ["hammer"], source, nouns=("hammer",)) is None
+    assert refusal.refusal(table, ["spoon"], source, nouns=("spoon",)).endswith("looks like it")
 
 
 def test_of_a_noun_that_the_clip_never_read_colours_alone_are_compared(table):
     maps = {"red_brick": (0.7, 0.1), "red_block": (0.95, 0.1), "blue_brick": (0.1, 0.6), "blue_block": (0.1, 0.9)}
-    assert "red block" in recognition.refusal(table, ["red brick"], painted(table, **maps))
+    assert "red block" in refusal.refusal(table, ["red brick"], painted(table, **maps))
     source = painted(table, "brick", **maps)
-    assert recognition.refusal(table, ["red brick"], source) is None
+    assert refusal.refusal(table, ["red brick"], source) is None
     source.maps["green brick"] = source.maps["red brick"] * 0.65
-    assert "red brick" in recognition.refusal(table, ["green brick"], source)
+    assert "red brick" in refusal.refusal(table, ["green brick"], source)
 
 
 def test_a_phrase_with_a_colour_alone_means_whatever_has_it(table):
     maps = {}
     for wording in ("{}_thing", "something_{}", "{}_object", "{}_one", "{}"):
         maps |= {wording.format("red"): (0.05, -0.3), wording.format("blue"): (-0.3, 0.1)}
-        maps |= {wording.format(other): (-0.4, -0.4) for other in recognition.OTHER_COLORS if other not in "red blue"}
+        maps |= {wording.format(other): (-0.4, -0.4) for other in refusal.OTHER_COLORS if other not in "red blue"}
     source = painted(table, **maps)
     for wording in ("{} thing", "something {}", "{} object", "{} one", "{}"):
-        assert recognition.refusal(table, [wording.format("red")], source) is None
-        assert recognition.refusal(table, [wording.format("green")], source) is not None
-        found = recognition.fit(table, wording.format("blue"), source)
+        assert refusal.refusal(table, [wording.format("red")], source) is None
+        assert refusal.refusal(table, [wording.format("green")], source) is not None
+        found = refusal.fit(table, wording.format("blue"), source)
         assert (found.x, found.y) == pytest.approx(Workspace().to_world(104.5, 44.5))
-    assert recognition.refusal(table, ["something"], source) is None
+    assert refusal.refusal(table, ["something"], source) is None
 
 
 def test_of_one_group_in_two_colours_one_is_enough(table):
     source = painted(table, red_blocks=(0.9, 0.1), cyan_blocks=(0.1, 0.1), red_block=(0.9, 0.1))
-    assert recognition.refusal(table, ["cyan and red blocks"], source) is None
-    assert recognition.refusal(table, ["cyan and pink blocks"], source) is not None
-    assert recognition.refusal(table, ["red block and the cyan block"], source) is not None
+    assert refusal.refusal(table, ["cyan and red blocks"], source) is None
+    assert refusal.refusal(table, ["cyan and pink blocks"], source) is not None
+    assert refusal.refusal(table, ["red block and the cyan block"], source) is not None
 
 
 def test_a_thin_board_with_its_holes_is_a_thing_and_a_bowls_inside_or_a_shadow_is_none(table):
@@ -133,62 +133,62 @@ def test_a_thin_board_with_its_holes_is_a_thing_and_a_bowls_inside_or_a_shadow_i
     rgb[10:30, 50:70] = (180, 140, 60)  # a board wider than a thing, with two holes
     rgb[12:18, 52:58] = 100
     rgb[20:26, 60:66] = 100
-    assert len(recognition.things(table)[1]) == 1
-    assert recognition.things(table)[1][0].sum() == 400, "the holes belong to the board"
+    assert len(refusal.things(table)[1]) == 1
+    assert refusal.things(table)[1][0].sum() == 400, "the holes belong to the board"
     rgb[140:150, 60:75] = 5  # a shadow
     table.heightmap.height[130:150, 10:30] = 0.05
     table.heightmap.height[134:146, 14:26] = 0
     rgb[130:150, 10:30] = 200
-    rising, flat = recognition.things(table)
+    rising, flat = refusal.things(table)
     assert (len(rising), len(flat)) == (3, 1)
     source = Painted({"heart hole": np.zeros(rgb.shape[:2]), "star": np.zeros(rgb.shape[:2])})
     source.maps["heart hole"][12:18, 52:58] = 0.9
     source.maps["star"][20:26, 60:66] = 0.95
-    found = recognition.fit(table, "heart hole", source)
+    found = refusal.fit(table, "heart hole", source)
     row, col = Workspace().to_pixel(found.x, found.y)
     assert found.score > 0.5 and abs(row - 15) < 5 and abs(col - 55) < 5
 
 
 def test_a_table_that_is_noisy_and_too_high_is_no_thing(table):
-    masks, _ = recognition.things(table)
+    masks, _ = refusal.things(table)
     rng = np.random.default_rng(0)
     table.heightmap.height[:] += 0.01 + np.abs(rng.normal(0, 0.005, table.heightmap.height.shape)).astype(np.float32)
-    noisy, _ = recognition.things(table)
+    noisy, _ = refusal.things(table)
     assert len(noisy) == len(masks) == 2
     for before, after in zip(masks, noisy, strict=True):
         assert (before & after).sum() > 0.95 * before.sum() and after.sum() < 1.1 * before.sum()
 
 
 def test_specks_are_no_things(table):
-    assert [int(mask.sum()) for mask in recognition.things(table)[0]] == [100, 100]
-    assert recognition.things(table)[1] == []
+    assert [int(mask.sum()) for mask in refusal.things(table)[0]] == [100, 100]
+    assert refusal.things(table)[1] == []
 
 
 def test_a_phrase_fits_the_thing_on_which_no_alternative_is_much_better(table):
     source = painted(table, red_block=(0.7, 0.8), blue_block=(0.2, 1.1), red_bowl=(0.65, 0.1))
-    found = recognition.fit(table, "red block", source)
+    found = refusal.fit(table, "red block", source)
     assert found.margin == pytest.approx(0.05, abs=1e-5), "the first thing, though the second has the higher value"
     assert (found.x, found.y) == pytest.approx(Workspace().to_world(24.5, 24.5))
     assert found.alternative == "red bowl"
-    assert recognition.refusal(table, ["red block"], source) is None
+    assert refusal.refusal(table, ["red block"], source) is None
 
 
 def test_what_is_not_there_is_refused_with_a_reason(table):
     source = painted(table, red_block=(0.9, 0.1), red_mug=(0.5, 0.0), red_bowl=(0.1, 0.2))
-    reason = recognition.refusal(table, ["red block", "the left red mug"], source)
+    reason = refusal.refusal(table, ["red block", "the left red mug"], source)
     x, y = Workspace().to_world(24.5, 24.5)
     # On the second thing, the mug's 0 is as near to the bowl's 0.2, but too low to be a match.
     assert reason == (f'there is no "red mug": the nearest thing, at ({x:.2f}, {y:.2f}) m, looks more like "red block"')
-    assert recognition.refusal(table, ["green mug"], source).endswith("nothing on the table looks like it")
-    assert recognition.refusal(table, ["red block and red mug"], source, lowest_margin=-0.5) is None
-    assert recognition.refusal(table, ["red block and red mug"], source, lowest_margin=-0.1) is not None
+    assert refusal.refusal(table, ["green mug"], source).endswith("nothing on the table looks like it")
+    assert refusal.refusal(table, ["red block and red mug"], source, lowest_margin=-0.5) is None
+    assert refusal.refusal(table, ["red block and red mug"], source, lowest_margin=-0.1) is not None
     picture = ImageQuery(np.zeros((4, 4, 3), np.uint8))
-    assert recognition.refusal(table, [picture], source) is None
+    assert refusal.refusal(table, [picture], source) is None
 
 
 def test_an_empty_table_refuses_every_phrase(table):
     table.heightmap.height[:] = 0
-    assert recognition.refusal(table, ["red block"], painted(table)) == (
+    assert refusal.refusal(table, ["red block"], painted(table)) == (
         'there is no "red block": nothing lies on the table'
     )
 
@@ -202,11 +202,11 @@ def test_the_embedded_clip_refuses_on_a_foreign_table(policy):
     scene = policy.embed(Observation.load(FOREIGN / "workbench").views)
     entries = json.loads((FOREIGN / "workbench" / "truth.json").read_text())["things"]
     for thing in entries:
-        assert recognition.refusal(scene, [f"{thing['color']} {thing['kind']}"], policy.source) is None
+        assert refusal.refusal(scene, [f"{thing['color']} {thing['kind']}"], policy.source) is None
     for absent in ("pink block", "white bowl", "banana", "blue block", "cyan star", "something pink", "pink brick"):
-        assert recognition.refusal(scene, [absent], policy.source) is not None, absent
+        assert refusal.refusal(scene, [absent], policy.source) is not None, absent
     for vague in ("red thing", "something red", "red object", "something green", "red brick"):
-        assert recognition.refusal(scene, [vague], policy.source) is None, vague
+        assert refusal.refusal(scene, [vague], policy.source) is None, vague
 
 
 def test_most_things_of_other_foreign_tables_are_refused_on_this_one(policy):
@@ -217,7 +217,7 @@ def test_most_things_of_other_foreign_tables_are_refused_on_this_one(policy):
         names[folder] = {f"{thing['color']} {thing['kind']}" for thing in entries}
     scene = policy.embed(Observation.load(FOREIGN / "kitchen").views)
     asked = sorted(set().union(*names.values()))
-    kept = {phrase for phrase in asked if recognition.refusal(scene, [phrase], policy.source) is None}
+    kept = {phrase for phrase in asked if refusal.refusal(scene, [phrase], policy.source) is None}
     assert names["kitchen"] <= kept
     assert len(kept) <= len(names["kitchen"]) + 0.3 * len(set(asked) - names["kitchen"])
 
@@ -229,4 +229,4 @@ def test_no_task_is_refused_its_own_sentence_in_its_own_scene(name, policy, worl
         observations = world.reset(task, tasks.episode_seed("val", index))
         queries = policy.read(task.instruction)
         scene = policy.embed(observations[0].views)
-        assert recognition.refusal(scene, [queries.pick, queries.place], policy.source) is None, task.instruction
+        assert refusal.refusal(scene, [queries.pick, queries.place], policy.source) is None, task.instruction

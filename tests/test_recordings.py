@@ -15,13 +15,13 @@ from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.config import Config
 from gem_lite.demonstrations import OWN_WORLD, Demonstration
-from gem_lite.learning import recorded
 from gem_lite.maps.crop_memory import step_events
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2, Workspace
+from gem_lite.training import recorded_steps
 
 SCENE = clip.DATA / "foreign-scenes" / "workbench"
 SENTENCE = "put the red block in the blue bowl"
@@ -61,11 +61,11 @@ def test_an_episode_has_its_steps_in_the_order_of_their_numbers(own):
 
 
 def test_a_set_of_recorded_episodes_is_the_same_after_packing(own, tmp_path):
-    assert recorded.is_recorded(own) and not recorded.is_recorded(SCENE.parent)
-    packed = recorded.pack(own, tmp_path / "packed", Workspace())
-    assert not recorded.is_recorded(tmp_path / "packed")
+    assert recorded_steps.is_recorded(own) and not recorded_steps.is_recorded(SCENE.parent)
+    packed = recorded_steps.pack(own, tmp_path / "packed", Workspace())
+    assert not recorded_steps.is_recorded(tmp_path / "packed")
     assert [len(episode.steps) for episode in packed] == [1, 2], "episode-2 comes before episode-10"
-    fresh = list(recorded.read(own, Workspace()))
+    fresh = list(recorded_steps.read(own, Workspace()))
     for one, other in zip(fresh, packed, strict=True):
         assert (one.task, one.seed, one.world) == (other.task, other.seed, other.world)
         for a, b in zip(one.steps, other.steps, strict=True):

@@ -15,7 +15,7 @@ from gem_lite.evaluation.statistics import mean_and_interval
 from gem_lite.policies.choices import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
@@ -252,6 +252,6 @@ def test_a_reason_names_what_the_tool_lifted():
             action = PickPlace(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
             return Choice(instruction, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
 
-    with World(style=worlds.style("touching")) as touching:
+    with World(style=looks.style("touching")) as touching:
         failure = failures.first_failure(touching, Stubborn(), TASK, 24)
     assert failure.reason == "picked the purple block, not the green block"

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
-from gem_lite.policies import checkpoints, robot
+from gem_lite.policies import checkpoints, robot_plan
 from gem_lite.policies.choices import Choice
 from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.heightmap import HeightMap
@@ -45,26 +45,26 @@ def logits_with(peaks):
 def test_a_pose_has_the_maps_height_and_turns_into_the_base():
     pick = at(80, 40, np.pi / 6)
     choice = choice_of(logits_with({(3, 80, 40): 0.0}), PickPlace(pick, at(10, 20)), (3, 80, 40))
-    found = robot.plan(choice)
+    found = robot_plan.plan(choice)
     assert found.pick[:3, 3] == pytest.approx([pick.x, pick.y, choice.heightmap.height[80, 40]])
     assert found.pick[:3, 2] == pytest.approx([0, 0, -1]), "the tool's z axis points down"
     assert found.pick[:3, 0] == pytest.approx([np.cos(np.pi / 6), np.sin(np.pi / 6), 0]), "its x axis is at the yaw"
     base = np.eye(4)
     base[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
     base[:3, 3] = 1.0, 2.0, 3.0
-    turned = robot.plan(choice, base)
+    turned = robot_plan.plan(choice, base)
     assert turned.pick[:3, 3] == pytest.approx([1 - pick.y, 2 + pick.x, 3 + choice.heightmap.height[80, 40]])
     assert np.allclose(turned.place, base @ found.place)
     with pytest.raises(ValueError, match=r"must be a \(4, 4\) pose"):
-        robot.plan(choice, np.diag([2.0, 1, 1, 1]))
+        robot_plan.plan(choice, np.diag([2.0, 1, 1, 1]))
     with pytest.raises(ValueError, match="must be a pick and place"):
-        robot.plan(choice_of(choice.pick_logits, Push(pick, pick), (3, 80, 40)))
+        robot_plan.plan(choice_of(choice.pick_logits, Push(pick, pick), (3, 80, 40)))
 
 
 def test_confidence_counts_what_lies_near_and_the_runner_up_lies_elsewhere():
     near, far = (7, 81, 41), (20, 30, 60)
     peaks = {(3, 80, 40): np.log(0.5), near: np.log(0.2), far: np.log(0.3)}
-    found = robot.plan(choice_of(logits_with(peaks), PickPlace(at(80, 40), at(10, 20)), (3, 80, 40)))
+    found = robot_plan.plan(choice_of(logits_with(peaks), PickPlace(at(80, 40), at(10, 20)), (3, 80, 40)))
     assert found.confidence == pytest.approx(0.7, abs=0.001)
     expected = at(30, 60)
     assert (found.runner_up.x, found.runner_up.y) == (expected.x, expected.y)
@@ -75,7 +75,7 @@ def test_confidence_counts_what_lies_near_and_the_runner_up_lies_elsewhere():
 def test_the_shipped_policy_is_sure_of_a_block_and_knows_another():
     policy = checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load()).eval()
     choice = policy.decide(Observation.load(SCENE), SENTENCE)
-    found = robot.plan(choice)
+    found = robot_plan.plan(choice)
     assert np.allclose(found.pick[:2, 3], [0.40, 0.25], atol=0.02) and 0.03 < found.pick[2, 3] < 0.06
     assert found.confidence > 0.9 and found.lead > 10
     assert np.hypot(found.runner_up.x - choice.action.pick.x, found.runner_up.y - choice.action.pick.y) >= 0.05
@@ -92,11 +92,11 @@ def test_cliports_dictionaries_say_the_same():
         for view in ours.views
     ]
     dictionary = {"color": [view.rgb for view in ours.views], "depth": [view.depth for view in ours.views]}
-    theirs = robot.from_cliport(dictionary, cameras)
+    theirs = robot_plan.from_cliport(dictionary, cameras)
     for old, new in zip(ours.views, theirs.views, strict=True):
         assert np.allclose(old.camera.pose, new.camera.pose) and np.array_equal(old.rgb, new.rgb)
     action = PickPlace(at(80, 40, 0.5), at(10, 20, 0.8))
-    pair = robot.to_cliport(action, choice_of(logits_with({}), action, (0, 80, 40)).heightmap)
+    pair = robot_plan.to_cliport(action, choice_of(logits_with({}), action, (0, 80, 40)).heightmap)
     (_, first), (position, second) = pair["pose0"], pair["pose1"]
     assert position[:2] == (action.place.x, action.place.y)
     assert Rotation.from_quat(first).as_euler("xyz")[2] == 0
@@ -125,7 +125,7 @@ def test_what_is_no_pose_of_the_base_is_refused(wrong):
     with pytest.raises(
         ValueError, match=r"base_from_table must be a \(4, 4\) pose: a rotation \(no reflection\)"
     ) as caught:
-        robot.plan(choice, wrong)
+        robot_plan.plan(choice, wrong)
     assert "\n" not in str(caught.value)
     rows = wrong if isinstance(wrong, list | str) else wrong.tolist()
     with pytest.raises(ValueError, match="pose of camera 'front' must be a"):
@@ -136,7 +136,7 @@ def test_what_is_no_pose_of_the_base_is_refused(wrong):
 def test_what_is_no_rotation_of_the_tool_is_refused(wrong):
     choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
     with pytest.raises(ValueError, match=r"tool must be a \(3, 3\) rotation, and no reflection"):
-        robot.plan(choice, tool=wrong)
+        robot_plan.plan(choice, tool=wrong)
 
 
 @pytest.mark.parametrize(
@@ -167,11 +167,11 @@ CLIPORTS_CAMERA = {"intrinsics": (450.0, 0, 4, 0, 450.0, 4, 0, 0, 1), "position"
 )
 def test_a_wrong_camera_of_cliport_is_refused(changes, message):
     pictures = {"color": [np.zeros((8, 8, 3), np.uint8)] * 2, "depth": [np.ones((8, 8), np.float32)] * 2}
-    assert len(robot.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA]).views) == 2
+    assert len(robot_plan.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA]).views) == 2
     with pytest.raises(ValueError, match=message):
-        robot.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA | changes])
+        robot_plan.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA | changes])
     with pytest.raises(ValueError, match="position of camera 0 must be 3 finite numbers"):
-        robot.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
+        robot_plan.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
 
 
 def where_cliports_blade_stops(pair):
@@ -184,18 +184,20 @@ def where_cliports_blade_stops(pair):
 def test_a_push_ends_in_cliport_where_it_should():
     heightmap = choice_of(logits_with({}), None, (0, 80, 40)).heightmap
     push = Push(at(80, 40), at(20, 70))
-    pair = robot.to_cliport(push, heightmap)
+    pair = robot_plan.to_cliport(push, heightmap)
     start, end = where_cliports_blade_stops(pair)
     assert end == pytest.approx([push.end.x, push.end.y])
     assert np.hypot(*(start - [push.start.x, push.start.y])) == pytest.approx(0.02)
     assert pair["pose0"][0][2] == pytest.approx(heightmap.height[80, 40])
     assert pair["pose0"][1] == pair["pose1"][1] == (0, 0, 0, 1)
     edge = Push(at(80, 40), at(80, 79))
-    assert robot.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, "it may lie beyond the map"
+    assert robot_plan.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, (
+        "it may lie beyond the map"
+    )
     with pytest.raises(ValueError, match="a push must end elsewhere than it starts"):
-        robot.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
+        robot_plan.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
     with pytest.raises(ValueError, match="lies outside the workspace"):
-        robot.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
+        robot_plan.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
 
 
 def test_the_example_drives_a_robot_without_a_simulator():

@@ -7,7 +7,7 @@ import torch
 
 from gem_lite.policies import gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import cross_entropy
+from gem_lite.policies.inputs import cross_entropy
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable.correlation import sample_parts
 from gem_lite.steerable.loss import PIXELS, sampled_cross_entropy

@@ -11,8 +11,8 @@ import pytest
 
 from gem_lite import clip, demonstrations, registry
 from gem_lite.cli import main
-from gem_lite.learning import dataset
 from gem_lite.policies import gem_config, methods
+from gem_lite.training import step_files
 
 NAMES = tuple(name for name in methods.METHODS.names() if methods.METHODS.find(name).__module__.startswith("gem_lite"))
 CHANGED = {
@@ -45,7 +45,7 @@ def encoded(model, demos):
     def prepared(name, config):
         policy = methods.METHODS.find(name)(config, model)
         policy.remember(demos)
-        return [dataset._encode(step) for step in policy.prepare(demos)]
+        return [step_files._encode(step) for step in policy.prepare(demos)]
 
     return prepared
 
@@ -134,12 +134,12 @@ def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set,
     for name in ("gem", "gem-without-steerable-kernel", "gem-without-recoloring", "gem"):
         method, config = methods.find(name)
         policy = method(dataclasses.replace(config, batch=1 + len(prepared)), model)
-        prepared.append(dataset.prepare(policy, demos, tmp_path, shared=True))
+        prepared.append(step_files.prepare(policy, demos, tmp_path, shared=True))
     assert counted == ["gem"] * steps
     assert len({one.folder for one in prepared}) == len({one.fingerprint for one in prepared}) == 1
     for name in ("gem-without-parsing", "cliport", "cliport-grounded", "transporter-lan"):
         method, config = methods.find(name)
-        prepared.append(dataset.prepare(method(config, model), demos, tmp_path, shared=True))
+        prepared.append(step_files.prepare(method(config, model), demos, tmp_path, shared=True))
     assert len(counted) == 5 * steps
     assert len({one.folder for one in prepared}) == 5
 
@@ -149,13 +149,13 @@ def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, counted, 
     sets = [demos[:1], demos[1:]]
     for name, alone_is_the_same in (("transporter-lan", True), ("cliport", True), ("gem", False)):
         single, several = ((methods.find(ending)) for ending in (name, f"{name}-multi"))
-        alone = [dataset.prepare(single[0](single[1], model), one, tmp_path, shared=True) for one in sets]
+        alone = [step_files.prepare(single[0](single[1], model), one, tmp_path, shared=True) for one in sets]
         counted.clear()
-        joined = dataset.prepare_tasks(several[0](several[1], model), sets, tmp_path, shared=True)
+        joined = step_files.prepare_tasks(several[0](several[1], model), sets, tmp_path, shared=True)
         folders = [part.folder for part in joined.parts]
         assert (folders == [part.folder for part in alone]) == alone_is_the_same
         assert len(set(folders)) == 2 and bool(counted) != alone_is_the_same
-        backwards = dataset.prepare_tasks(several[0](several[1], model), sets[::-1], tmp_path, shared=True)
+        backwards = step_files.prepare_tasks(several[0](several[1], model), sets[::-1], tmp_path, shared=True)
         assert ([part.folder for part in backwards.parts] == folders[::-1]) == alone_is_the_same
 
 
@@ -171,7 +171,7 @@ def test_other_data_clips_devices_parsers_and_classes_are_other_identities(demo_
         policy.clip = types.SimpleNamespace(
             fingerprint=changes.get("clip", "a"), device=types.SimpleNamespace(type=changes.get("device", "cpu"))
         )
-        return str(dataset.identity(policy, data, [data]))
+        return str(step_files.identity(policy, data, [data]))
 
     found = [
         facts(), facts(Heir), facts(data=demos[:1]), facts(parser=lambda text: text), facts(clip="b"),
@@ -193,24 +193,24 @@ class Mine(TransporterLan):
 
 def test_a_change_of_code_outside_the_library_is_seen(model, tmp_path, monkeypatch):
     policy = methods.METHODS.find("transporter-lan")(small("transporter-lan"), model)
-    before = dataset.code_digest(policy)
-    assert dataset.code_digest(policy) == before
+    before = step_files.code_digest(policy)
+    assert step_files.code_digest(policy) == before
     (tmp_path / "outside_task.py").write_text(OUTSIDE)  # a name that conftest.py forgets
     monkeypatch.syspath_prepend(tmp_path)
     registry.load(["outside_task"])
-    with_mine = dataset.code_digest(policy)
+    with_mine = step_files.code_digest(policy)
     (tmp_path / "outside_task.py").write_text(OUTSIDE + "# changed\n")
-    changed = dataset.code_digest(policy)
+    changed = step_files.code_digest(policy)
     monkeypatch.delattr(sys.modules["outside_task"], "__file__")  # as in a notebook
-    assert len({before, with_mine, changed, dataset.code_digest(policy)}) == 4
-    monkeypatch.setattr(dataset.metadata, "version", lambda library: "0")
-    assert dataset.code_digest(policy) != before
+    assert len({before, with_mine, changed, step_files.code_digest(policy)}) == 4
+    monkeypatch.setattr(step_files.metadata, "version", lambda library: "0")
+    assert step_files.code_digest(policy) != before
 
 
 def test_steps_of_another_program_are_not_used_and_not_removed(tmp_path):
     made = []
     for code in ("old", "new", "old"):
-        dataset.share(lambda start: made.append(start) or [], tmp_path, {"data": "a"}, code)
+        step_files.share(lambda start: made.append(start) or [], tmp_path, {"data": "a"}, code)
     assert made == [0, 0]
     assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 2
 
@@ -219,8 +219,8 @@ SLOW = """
 import sys, time
 from pathlib import Path
 import torch
-from gem_lite.learning import dataset
-from gem_lite.policies.samples import Sample
+from gem_lite.training import step_files
+from gem_lite.policies.inputs import Sample
 
 def steps(start):
     for number in range(start, 6):
@@ -234,7 +234,7 @@ folder = Path(sys.argv[1])
 (folder / sys.argv[2]).touch()
 while len(list(folder.glob("ready-*"))) < 2:
     time.sleep(0.01)
-stored = dataset.share(steps, folder / "shared", {"data": "a"}, "code")
+stored = step_files.share(steps, folder / "shared", {"data": "a"}, "code")
 print("read", [int(step[0].rgbd[0, 0, 0]) for step in stored], stored.fingerprint)
 """
 

@@ -17,14 +17,14 @@ from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.evaluation.results import Episode, Score
 from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies.gates import near_peak
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import HEIGHT_SCALE
+from gem_lite.policies.inputs import HEIGHT_SCALE
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import driving
-from gem_lite.simulation.bodies import symbols
+from gem_lite.simulation import finding_tables
+from gem_lite.simulation.bodies import symbol_boxes
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 
 MOBILE = LITE.on_table(1.06)
@@ -38,7 +38,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def policy():
-    return Policy(MOBILE, clip.load(), seed=0)
+    return Gem(MOBILE, clip.load(), seed=0)
 
 
 @pytest.fixture(autouse=True)
@@ -47,19 +47,19 @@ def close():
     plt.close("all")
 
 
-@pytest.mark.parametrize("symbol", symbols.SYMBOLS)
+@pytest.mark.parametrize("symbol", symbol_boxes.SYMBOLS)
 def test_symbols_fit_their_paper_and_differ(symbol):
-    shape = symbols.symbol_outline(symbol)
+    shape = symbol_boxes.symbol_outline(symbol)
     x0, y0, x1, y1 = shape.bounds
-    assert max(x1 - x0, y1 - y0) == pytest.approx(symbols.SYMBOL_SIDE) and shape.is_valid
+    assert max(x1 - x0, y1 - y0) == pytest.approx(symbol_boxes.SYMBOL_SIDE) and shape.is_valid
     assert (x0 + x1, y0 + y1) == pytest.approx((0, 0), abs=1e-9)
-    others = [symbols.symbol_outline(other) for other in symbols.SYMBOLS if other != symbol]
+    others = [symbol_boxes.symbol_outline(other) for other in symbol_boxes.SYMBOLS if other != symbol]
     assert min(shape.symmetric_difference(other).area for other in others) > 0.15 * shape.area
 
 
 def test_an_unknown_symbol_is_named():
     with pytest.raises(ValueError, match="symbol must be one of recycle, gear"):
-        symbols.symbol_outline("skull")
+        symbol_boxes.symbol_outline("skull")
 
 
 def test_table_of_another_length_keeps_its_pixels():
@@ -111,7 +111,7 @@ def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
     def lost(world, table):
         raise tags.LocalisationError("nowhere")
 
-    monkeypatch.setattr(driving, "localise", lost)
+    monkeypatch.setattr(finding_tables, "localise", lost)
     actor = actors.policy_actor(policy)
     (found,) = evaluate.run_conditions(world, actor, "object-sorting-seen", "val", 0, [Condition("tags")])
     assert (found.reward, found.error) == (0.0, "nowhere")
@@ -197,7 +197,7 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
 
 
 def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
-    free = Policy(replace(MOBILE, peak_margin=None), clip.load(), seed=0)
+    free = Gem(replace(MOBILE, peak_margin=None), clip.load(), seed=0)
     task = tasks.make("object-sorting-seen", "val")
     choice = free.decide_over(world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
     fig = plot_mobile.show_stitched(choice, "some CLIP")
@@ -255,5 +255,5 @@ def test_widths_are_drawn_in_millimetres_with_intervals():
 
 
 def test_weights_know_nothing_of_the_table_length():
-    one, other = (Policy(config, clip.load(), seed=0) for config in (LITE, MOBILE))
+    one, other = (Gem(config, clip.load(), seed=0) for config in (LITE, MOBILE))
     assert all(torch.equal(a, b) for a, b in zip(one.pick.parameters(), other.pick.parameters(), strict=True))

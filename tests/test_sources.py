@@ -9,7 +9,7 @@ from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery, Queries
 from gem_lite.maps import crop_memory, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 
 
@@ -30,7 +30,7 @@ def test_a_source_from_outside_makes_a_policys_maps(model, observed):
     import toys  # noqa: F401 (registers the map source "redness")
 
     views, _ = observed
-    policy = Policy(dataclasses.replace(LITE, semantic_map="redness", image_weight=0.0), model)
+    policy = Gem(dataclasses.replace(LITE, semantic_map="redness", image_weight=0.0), model)
     scene = policy.embed(views)
     maps = policy.maps(scene, "red block")
     assert maps.text.shape == LITE.workspace.shape and maps.text.max() > 0.3
@@ -76,7 +76,7 @@ def test_a_picture_of_a_thing_points_at_the_thing(model, observed):
 
 def test_a_policy_is_asked_with_pictures(model, observed, world):
     views, action = observed
-    policy = Policy(LITE, model)
+    policy = Gem(LITE, model)
     scene = policy.embed(views)
     pick = ImageQuery(crop_memory.cut(scene.heightmap, action.pick, LITE.top_patch), "this block")
     place = ImageQuery(crop_memory.cut(scene.heightmap, action.place, LITE.top_patch), "this bowl")

@@ -9,15 +9,15 @@ import torch
 
 from gem_lite import clip, demonstrations
 from gem_lite.cli import main
-from gem_lite.learning import train
 from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import augment, gates
 from gem_lite.policies import base as policy_module
 from gem_lite.policies.checkpoints import load_policy, save_policy
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import numbered_steps
+from gem_lite.policies.inputs import numbered_steps
 from gem_lite.se2 import angle_off
+from gem_lite.training import train
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
@@ -25,7 +25,7 @@ SMALL = dataclasses.replace(
 
 
 def prepare(demos, model, settings):
-    policy = Policy(settings, model)
+    policy = Gem(settings, model)
     policy.remember(demos)
     return list(policy.prepare(demos)), policy.memory
 
@@ -49,7 +49,7 @@ def prepared(model, demonstrations_small):
     return prepare(demonstrations_small, model, SMALL)
 
 
-def weights(policy: Policy) -> torch.Tensor:
+def weights(policy: Gem) -> torch.Tensor:
     return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
@@ -94,7 +94,7 @@ def test_batches_hide_the_image_map_now_and_then(prepared, model):
     steps, memory = prepared
     black = dataclasses.replace(steps[0][0], rgbd=torch.zeros_like(steps[0][0].rgbd))
     marked = [(black, step[1]) for step in steps]
-    policy = Policy(SMALL, model, memory)
+    policy = Gem(SMALL, model, memory)
     hidden = [
         float(train.make_batch(policy, marked, np.random.default_rng(i))[0].rgbd.abs().sum()) == 0 for i in range(60)
     ]
@@ -105,18 +105,18 @@ def test_training_recolours_if_the_method_does(prepared, model, tmp_path, monkey
     recolored, honest = [], augment.recolored
     monkeypatch.setattr(augment, "recolored", lambda *args: recolored.append(1) or honest(*args))
     for settings in (SMALL, SMALL.ablated("without-recoloring")):
-        train.train(Policy(settings, model, prepared[1]), prepared[0], seed=0, run=tmp_path / settings.variant)
+        train.train(Gem(settings, model, prepared[1]), prepared[0], seed=0, run=tmp_path / settings.variant)
     assert len(recolored) == SMALL.steps * SMALL.batch
 
 
 def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, monkeypatch):
     steps, memory = prepared
-    whole = Policy(SMALL, model, memory, seed=3)
+    whole = Gem(SMALL, model, memory, seed=3)
     train.train(whole, steps, seed=3, run=tmp_path / "whole")
 
     monkeypatch.setattr(train, "SAVE_EVERY", 2)
     calls = []
-    honest = Policy.losses
+    honest = Gem.losses
 
     def killed_at_the_fourth_step(*args):
         calls.append(1)
@@ -125,20 +125,20 @@ def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, mon
         return honest(*args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Policy, "losses", killed_at_the_fourth_step)
+        patch.setattr(Gem, "losses", killed_at_the_fourth_step)
         with pytest.raises(KeyboardInterrupt):
-            train.train(Policy(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "killed")
-    resumed = Policy(SMALL, model, memory, seed=99)
+            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "killed")
+    resumed = Gem(SMALL, model, memory, seed=99)
     train.train(resumed, steps, seed=3, run=tmp_path / "killed")
     assert torch.equal(weights(resumed), weights(whole))
-    assert not torch.allclose(weights(Policy(SMALL, model, memory, seed=3)), weights(whole), atol=1e-6)
+    assert not torch.allclose(weights(Gem(SMALL, model, memory, seed=3)), weights(whole), atol=1e-6)
 
 
 def test_another_trainings_state_is_refused(prepared, model, tmp_path):
     steps, memory = prepared
-    train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
     with pytest.raises(ValueError, match="other settings"):
-        train.train(Policy(SMALL, model, memory), steps, seed=1, run=tmp_path)
+        train.train(Gem(SMALL, model, memory), steps, seed=1, run=tmp_path)
 
 
 def changed(step, **changes):
@@ -161,16 +161,16 @@ def brighter(sample):
 )
 def test_the_state_of_other_labels_words_or_maps_is_refused(change, prepared, model, tmp_path):
     steps, memory = prepared
-    train.train(Policy(SMALL, model, memory), steps, seed=0, run=tmp_path)
+    train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
     with pytest.raises(ValueError, match="other settings"):
-        train.train(Policy(SMALL, model, memory), [change(steps[0]), *steps[1:]], seed=0, run=tmp_path)
+        train.train(Gem(SMALL, model, memory), [change(steps[0]), *steps[1:]], seed=0, run=tmp_path)
 
 
 def test_a_seed_decides_everything(prepared, model, tmp_path):
     settings = dataclasses.replace(SMALL, steps=3)
     found = []
     for number, seed in enumerate((7, 7, 8)):
-        policy = Policy(settings, model, prepared[1], seed=seed)
+        policy = Gem(settings, model, prepared[1], seed=seed)
         torch.rand(number)  # what others draw from the global generator must not matter
         train.train(policy, prepared[0], seed=seed, run=tmp_path / str(number))
         found.append(weights(policy))
@@ -190,7 +190,7 @@ def test_the_shipped_policy_does_what_its_demonstrations_show(model):
 
 def test_checkpoint_round_trip(prepared, model, tmp_path):
     memory = prepared[1]
-    policy = Policy(SMALL, model, memory, seed=5)
+    policy = Gem(SMALL, model, memory, seed=5)
     path = tmp_path / "policy.safetensors"
     save_policy(policy, path, {"task": "t", "demos": 2, "seed": 5})
     loaded = load_policy(path, model, SMALL)
@@ -200,7 +200,7 @@ def test_checkpoint_round_trip(prepared, model, tmp_path):
 
 
 def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
-    policy = Policy(SMALL, model, prepared[1])
+    policy = Gem(SMALL, model, prepared[1])
     path = tmp_path / "policy.safetensors"
     save_policy(policy, path, {})
     with pytest.raises(ValueError, match=r"another configuration \(.*angles is 12, not 36"):
@@ -221,7 +221,7 @@ def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
 
 
 def test_policy_is_deterministic_and_sees_only_views(prepared, model, demonstrations_small):
-    policy = Policy(SMALL, model, prepared[1], seed=1)
+    policy = Gem(SMALL, model, prepared[1], seed=1)
     step = demonstrations_small[0].steps[0]
     first, again = (policy.decide(step.observation, step.instruction) for _ in range(2))
     assert first.action == again.action
@@ -231,7 +231,7 @@ def test_policy_is_deterministic_and_sees_only_views(prepared, model, demonstrat
 
 
 def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstrations_small):
-    policy = Policy(SMALL, model, prepared[1])
+    policy = Gem(SMALL, model, prepared[1])
     observation = demonstrations_small[0].steps[0].observation
     cases = {"": "empty", "pick the red block": "no place", "put in the bowl": "nothing to pick"}
     for sentence, message in cases.items():
@@ -242,7 +242,7 @@ def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstratio
 
 
 def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, demonstrations_small):
-    policy = Policy(SMALL, model, prepared[1], seed=1)
+    policy = Gem(SMALL, model, prepared[1], seed=1)
     step = demonstrations_small[0].steps[0]
     first = policy.decide(step.observation, step.instruction)
     second = policy.decide(step.observation, step.instruction, [first.action.pick])
@@ -253,22 +253,22 @@ def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, dem
     assert int(cells.sum()) == pytest.approx(np.pi * radius**2, rel=0.35)
     assert not cells[second.pick_cell[1:]]
     assert np.array_equal(second.pick_logits, first.pick_logits), "the logits are the network's own"
-    allowed = Policy(dataclasses.replace(SMALL, empty_radius=0.0), model, prepared[1], seed=1)
+    allowed = Gem(dataclasses.replace(SMALL, empty_radius=0.0), model, prepared[1], seed=1)
     assert allowed.decide(step.observation, step.instruction, [first.action.pick]).action == first.action
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_policy_acts_where_it_lives(prepared, model, demonstrations_small):
     step = demonstrations_small[0].steps[0]
-    here = Policy(SMALL, model, prepared[1], seed=1)
-    there = Policy(SMALL, model, prepared[1], seed=1).to("cuda")
+    here = Gem(SMALL, model, prepared[1], seed=1)
+    there = Gem(SMALL, model, prepared[1], seed=1).to("cuda")
     assert there.device.type == "cuda"
     assert there.act(step.observation, step.instruction) == here.act(step.observation, step.instruction)
 
 
 def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeypatch):
     """On any machine: what is collated goes to the policy's device, and results come back."""
-    policy = Policy(SMALL, model, prepared[1], seed=1)
+    policy = Gem(SMALL, model, prepared[1], seed=1)
     asked = []
     honest = policy_module.collate
     monkeypatch.setattr(
@@ -292,11 +292,11 @@ def test_the_maps_of_two_things_are_joined_at_one_height():
 
 
 def test_and_means_two_phrases(prepared, model, demonstrations_small):
-    policy = Policy(SMALL, model, prepared[1])
+    policy = Gem(SMALL, model, prepared[1])
     scene = policy.embed(demonstrations_small[0].steps[0].observation.views)
     both = joined([policy.maps(scene, phrase) for phrase in ("green blocks", "blue blocks")]).fused
     assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, both)
-    whole = Policy(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
+    whole = Gem(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
     assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, both)
 
 
@@ -305,7 +305,7 @@ def test_acting_between_two_steps_changes_no_training(prepared, model, demonstra
     seen = demonstrations_small[0].steps[0]
 
     def trained(acts):
-        policy = Policy(SMALL, model, prepared[1], seed=1)
+        policy = Gem(SMALL, model, prepared[1], seed=1)
         learner = train.Learner(policy, train.Accelerator(cpu=True))
         for step in prepared[0][:3]:
             if acts:

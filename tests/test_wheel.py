@@ -27,7 +27,7 @@ USE_ALL = """
 from gem_lite import clip
 from gem_lite.cli import demo
 from gem_lite.evaluation import evaluate, results
-from gem_lite.learning import train
+from gem_lite.training import train
 model = clip.load()
 assert model.dim > 0 and model.calibration is not None
 assert (clip.DATA / "gem-put-block-in-bowl.safetensors").exists()

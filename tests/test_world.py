@@ -11,7 +11,7 @@ import pytest
 from gem_lite import colors, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.rendering import render
 from gem_lite.simulation.world import World
@@ -36,7 +36,7 @@ def distance(a, b):
 
 @pytest.mark.parametrize("name", ["home", "bright-light", "shadows"])
 def test_pictures_with_a_stored_floor_are_those_with_a_rendered_floor(name):
-    with World(style=worlds.style(name)) as world:
+    with World(style=looks.style(name)) as world:
         for task in (SEEN_TASK, "packing-shapes-seen"):
             (observation,) = world.reset(tasks.make(task, "val"), seed=1)
             for view in observation.views:

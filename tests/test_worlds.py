@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from gem_lite import tasks
-from gem_lite.policies.samples import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
+from gem_lite.policies.inputs import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
+from gem_lite.simulation.looks import HOME, OTHER_BOWLS, TRAINING_BOWLS, Look
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import HOME, OTHER_BOWLS, TRAINING_BOWLS, WorldStyle
 from gem_lite.tasks.spawn import FreeSpace
 
 BOWL_TASK = "put-block-in-bowl-seen-colors"
@@ -20,7 +20,7 @@ BOWL_TASK = "put-block-in-bowl-seen-colors"
 def laid_out(name, index=0, task_name=BOWL_TASK):
     """Names and planar poses of an episode's bodies, and the first camera's picture."""
     task = tasks.make(task_name, "val")
-    with World(style=worlds.style(name)) as world:
+    with World(style=looks.style(name)) as world:
         (observation,) = world.reset(task, tasks.episode_seed("val", index))
         poses = np.array([[world.pose(body)[0].x, world.pose(body)[0].y] for body in world.bodies])
         return task.instruction, poses, observation.views[0].rgb.astype(int)
@@ -38,7 +38,7 @@ def test_another_look_is_the_same_layout(name):
 def test_networks_see_the_light_of_the_demonstrations():
     medians = {}
     for name in ("home", "varied", "white-floor", "shadows", "bright-light"):
-        with World(style=worlds.style(name)) as world:
+        with World(style=looks.style(name)) as world:
             (observation,) = world.reset(tasks.make(BOWL_TASK, "val"), tasks.episode_seed("val", 0))
         heightmap = fuse_views(observation.views, Workspace())
         medians[name] = np.median(heightmap.rgb)
@@ -68,8 +68,8 @@ def test_without_a_bare_cell_colours_stay():
 
 
 def test_shadows_are_cast():
-    style = worlds.style("shadows")
-    lit = WorldStyle("lit", light=dataclasses.replace(style.light, shadow=False))
+    style = looks.style("shadows")
+    lit = Look("lit", light=dataclasses.replace(style.light, shadow=False))
     pictures = []
     for one_style in (style, lit):
         with World(style=one_style) as world:
@@ -83,8 +83,8 @@ def test_shadows_are_cast():
 
 def test_tested_containers_were_never_demonstrated():
     assert not set(OTHER_BOWLS) & set(TRAINING_BOWLS)
-    assert not set(worlds.style("other-containers").box_heights) & set(worlds.style("varied").box_heights)
-    assert not set(worlds.style("other-containers").plates) & set(worlds.style("varied").plates)
+    assert not set(looks.style("other-containers").box_heights) & set(looks.style("varied").box_heights)
+    assert not set(looks.style("other-containers").plates) & set(looks.style("varied").plates)
 
 
 def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
@@ -98,13 +98,13 @@ def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
         return np.array(gaps)
 
     assert nearest_gap(HOME).min() >= 0.015 - 1e-9
-    touching = nearest_gap(worlds.style("touching"))
+    touching = nearest_gap(looks.style("touching"))
     assert touching.min() >= 0.001 - 1e-9
     assert (touching < 0.0011).mean() > 0.8
 
 
 def test_blocks_touch_face_to_face():
-    style = WorldStyle("all", touching=1.0)
+    style = Look("all", touching=1.0)
     free = FreeSpace(Workspace(), np.random.default_rng(0), style)
     first, second = (free.take(0.02 * 2**0.5, 0.02) for _ in range(2))
     off = first.inverse() @ second
@@ -113,7 +113,7 @@ def test_blocks_touch_face_to_face():
 
 
 def test_bodies_at_the_edge():
-    free = FreeSpace(Workspace(), np.random.default_rng(0), WorldStyle("edge", at_edge=1.0))
+    free = FreeSpace(Workspace(), np.random.default_rng(0), Look("edge", at_edge=1.0))
     poses = [free.take(0.02) for _ in range(8)]
     w = Workspace()
     border = [min(p.x - w.x_min, w.x_max - p.x, p.y - w.y_min, w.y_max - p.y) for p in poses]
@@ -125,11 +125,11 @@ def lies_as_at_home(style):
     return dataclasses.replace(style, name=HOME.name, floor=HOME.floor, light=HOME.light) == HOME
 
 
-@pytest.mark.parametrize("name", [name for name in worlds.names() if not lies_as_at_home(worlds.style(name))])
+@pytest.mark.parametrize("name", [name for name in looks.names() if not lies_as_at_home(looks.style(name))])
 @pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
 def test_the_expert_solves_every_world(name, task_name, no_pictures):
     rewards = []
-    with World(style=worlds.style(name)) as world:
+    with World(style=looks.style(name)) as world:
         for index in range(3):
             task = tasks.make(task_name, "val")
             world.reset(task, tasks.episode_seed("val", index))

@@ -20,8 +20,8 @@ from gem_lite.config import Config
 from gem_lite.language import Queries, Query
 from gem_lite.maps import sources
 from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
+from gem_lite.policies.base import Policy
+from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.transporter import TopView
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
@@ -85,7 +85,7 @@ class OneConvolutionConfig(Config):
 
 
 @methods.register
-class OneConvolution(PickPlacePolicy[TopView]):
+class OneConvolution(Policy[TopView]):
     """Picks and places by one convolution each; it does not listen to words."""
 
     method = "one-convolution"

@@ -31,7 +31,7 @@ from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
 from gem_lite.evaluation import calibrating
 from gem_lite.files import read_json
-from gem_lite.learning import training_state
+from gem_lite.training import training_state
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")
 # <eos> must not have id 2: transformers' CLIP then pools at argmax(input_ids), which is some other word.

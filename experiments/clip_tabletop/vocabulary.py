@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gem_lite import colors
-from gem_lite.simulation.bodies import objects, ropes, shapes, symbols, tiles
+from gem_lite.simulation.bodies import objects, ropes, shapes, symbol_boxes, tiles
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -140,7 +140,7 @@ _SYMBOL_SYNONYMS = {"recycle": "recycling", "gear": "cogwheel", "smiley": "smile
 
 BOXES: dict[str, tuple[str, ...]] = {
     f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
-    for symbol in symbols.SYMBOLS
+    for symbol in symbol_boxes.SYMBOLS
 }
 """The names of the boxes with symbols."""
 

@@ -6,7 +6,7 @@
     python -m experiments.foreign_table refusals
 
 The table is that of notebooks/foreign_world (MuJoCo); nothing of gem_lite is in it. A policy gets the pictures and the
-sentence, and its action is carried out as `gem_lite.policies.robot.plan` says it to a robot.
+sentence, and its action is carried out as `gem_lite.policies.robot_plan.plan` says it to a robot.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gem_lite import clip, tasks
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.evaluation import results
 from gem_lite.evaluation.results import Episode
-from gem_lite.maps import recognition
-from gem_lite.policies import robot
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.maps import refusal
+from gem_lite.policies import robot_plan
+from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.recordings import Recording
@@ -87,14 +87,14 @@ def record(folder: Path, episodes: int) -> None:
                 return
 
 
-def play(world: ForeignWorld, policy: PickPlacePolicy, index: int) -> Episode:
+def play(world: ForeignWorld, policy: Policy, index: int) -> Episode:
     """A test table, until it is solved or the policy has acted `ACTIONS` times."""
     world.lay(random_scene(TEST_SEEDS[index]))
     empty_picks: list[Pose2] = []
     steps = 0
     while steps < ACTIONS and not world.solved():
         choice = policy.decide(seen(world), world.sentence, empty_picks)
-        planned = robot.plan(choice)
+        planned = robot_plan.plan(choice)
         held = world.pick_place(planned.pick, planned.place)
         empty_picks = [] if held else [*empty_picks, choice.action.pick]
         steps += 1
@@ -111,7 +111,7 @@ def measure(checkpoint: Path, episodes: int, out: Path) -> None:
 
 
 def file_row(
-    checkpoint: Path, policy: PickPlacePolicy, task: str, episodes: Sequence[Episode], subset: str, facts: dict,
+    checkpoint: Path, policy: Policy, task: str, episodes: Sequence[Episode], subset: str, facts: dict,
     path: Path,
 ) -> None:  # fmt: skip
     """File the row of a measurement, and print it."""
@@ -156,10 +156,10 @@ def refusals(tables: int, out: Path) -> None:
             asked = rng.choice(sorted(present), 2, replace=False).tolist()
             asked.append(str(rng.choice([name for name in names if name not in present])))
             for phrase in asked:
-                refused = recognition.refusal(scene, [phrase], policy.source) is not None
+                refused = refusal.refusal(scene, [phrase], policy.source) is not None
                 episodes = answers["named thing is there" if phrase in present else "named thing is not there"]
                 episodes.append(Episode(len(episodes), float(refused), 0, ()))
-        facts = {"world": world, "split": "test", "start": ASKED_SEED, "lowest_margin": recognition.LOWEST_MARGIN}
+        facts = {"world": world, "split": "test", "start": ASKED_SEED, "lowest_margin": refusal.LOWEST_MARGIN}
         for subset, episodes in answers.items():
             file_row(SHIPPED, policy, "refusal", episodes, subset, facts, out)
 

@@ -20,12 +20,12 @@ from gem_lite import clip, tasks
 from gem_lite.evaluation import actors, evaluate, results
 from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.rollout import Actor, Decision, Observations
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import levelling
 from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.world import World
 
@@ -87,7 +87,7 @@ def cells() -> list[Cell]:
     return found
 
 
-def erring_actor(policy: PickPlacePolicy, cell: Cell, seed: int, index: int) -> Actor:
+def erring_actor(policy: Policy, cell: Cell, seed: int, index: int) -> Actor:
     """An actor for episode ``index``: its policy acts in the true world on what erring cameras show."""
     unit_rng, frame_rng = (np.random.default_rng(part) for part in np.random.SeedSequence((seed, index)).spawn(2))
     act = actors.policy_actor(policy)
@@ -144,7 +144,7 @@ def measure(
     chosen = [cell for cell in cells() if cell.kind in kinds]
     missing = [cell for cell in chosen if not is_done(cell, facts, rows, episodes)]
     print(f"{len(chosen) - len(missing)} of {len(chosen)} cells are in {out}")
-    with World(style=worlds.style(world)) as home, tqdm(total=len(missing) * episodes, unit="episode") as bar:
+    with World(style=looks.style(world)) as home, tqdm(total=len(missing) * episodes, unit="episode") as bar:
         for cell in missing:
             bar.set_description(cell.name)
             played = []

@@ -50,7 +50,7 @@ def check_cameras(
       gem-lite check-cameras data/foreign-scenes/workbench "red block" "blue bowl"
     """
     from gem_lite.drawing import plot_own_table
-    from gem_lite.maps import looking
+    from gem_lite.maps import places
     from gem_lite.rgbd import camera_check
     from gem_lite.rgbd.camera_mistakes import cloud
     from gem_lite.rgbd.heightmap import fuse_views
@@ -68,7 +68,7 @@ def check_cameras(
     if not mistakes:
         views = Observation(tuple(view.view() for view in raw)).views
         draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, path(out, folder))
-        if phrases and looking.gain_by_swapping(views, phrases, gem.source) > looking.SWAP_MARGIN:
+        if phrases and places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
             mistakes.append(BGR)
     if mistakes:
         raise ValueError("; ".join(mistakes))
@@ -94,7 +94,7 @@ def look(
     """
     from gem_lite.actions import PickPlace
     from gem_lite.drawing import plot_own_table, plots
-    from gem_lite.maps import looking, recognition
+    from gem_lite.maps import places, refusal
     from gem_lite.rgbd.observation import Observation
 
     observation = Observation.load(folder)
@@ -106,8 +106,8 @@ def look(
     maps = {phrase: gem.maps(scene, phrase) for phrase in phrases}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in phrases for name in ("text", "image")}
     fused = {phrase: maps[phrase].fused for phrase in phrases}
-    places = {phrase: looking.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
-    refusals = {phrase: recognition.refusal(scene, [phrase], gem.source) for phrase in phrases}
+    places = {phrase: places.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
+    refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
         "maps": plots.show_maps([(title, semantic) for title, semantic in parts.items() if semantic is not None]),
@@ -133,20 +133,20 @@ def look(
     print(f"wrote {file}")
 
 
-def load(checkpoint: Path, rectangle: tuple[float, float, float, float] | None, clip_name: str | None) -> gem.Policy:
+def load(checkpoint: Path, rectangle: tuple[float, float, float, float] | None, clip_name: str | None) -> gem.Gem:
     """The policy, on a table of another form. Raises ValueError if it is no GEM: others have no maps to look at."""
     from gem_lite import clip
     from gem_lite.policies import checkpoints, gem
 
     policy = checkpoints.load_policy(checkpoint, clip.load(clip_name))
-    if not isinstance(policy, gem.Policy):
+    if not isinstance(policy, gem.Gem):
         raise ValueError(f"{checkpoint} must be a checkpoint of gem, got {policy.name}")
     if rectangle is not None:  # The networks are convolutions: they read a table of any size.
         policy.config = dataclasses.replace(policy.config, rectangle=rectangle)
     return policy
 
 
-def read(policy: gem.Policy, text: str) -> Queries | str:
+def read(policy: gem.Gem, text: str) -> Queries | str:
     """The queries of a sentence, or the phrase of a thing. Raises ValueError if the text is neither."""
     from gem_lite import language
 

@@ -100,8 +100,8 @@ def start(
       gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/short.safetensors --config.steps 300
       gem-lite train data/foreign-demos runs/mine.safetensors --config.rectangle 0.25 0.75 -0.5 0.5
     """
-    from gem_lite.learning import train
     from gem_lite.policies import methods
+    from gem_lite.training import train
 
     kind, values = methods.find(method, preset)
     if config is not None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
-from gem_lite.maps.looking import Place
+from gem_lite.maps.places import Place
 from gem_lite.rgbd.heightmap import HeightMap
 
 

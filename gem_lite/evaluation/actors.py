@@ -10,7 +10,7 @@ import numpy as np
 from gem_lite.actions import Action, ExpertAction, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.evaluation.rollout import Actor, Decision, Observations
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation.environment import Environment
 
@@ -66,7 +66,7 @@ def random_actor(settings: Config, seed: int) -> Actor:
     return actor
 
 
-def policy_actor(policy: PickPlacePolicy) -> Actor:
+def policy_actor(policy: Policy) -> Actor:
     """A policy as an actor. It gets only the camera views, the sentence and the empty picks."""
 
     def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Decision:

@@ -11,7 +11,7 @@ from gem_lite.demonstrations import Demonstration, DemonstrationSet, Demonstrati
 from gem_lite.evaluation import actors
 from gem_lite.evaluation.rollout import rollout
 from gem_lite.files import writing
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.task import SOLVED
 from gem_lite.simulation.world import World
@@ -47,7 +47,7 @@ def collect(
 
     Args:
         start: the index in the split of the first episode to try.
-        world: the name of a world, see `gem_lite.simulation.worlds.style`.
+        world: the name of a world, see `gem_lite.simulation.looks.style`.
 
     Raises:
         ValueError: the task, the split or the world is unknown, ``episodes`` is below 1, or ``folder`` holds another
@@ -57,7 +57,7 @@ def collect(
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    style = worlds.style(world)
+    style = looks.style(world)
     tasks.make(task_name, split)
     folder = Path(folder)
     facts = {"task": task_name, "split": split, "world": world, "start": start}

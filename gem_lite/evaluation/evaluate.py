@@ -18,11 +18,11 @@ from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation import worlds
+from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.looks import Look
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.world import World
-from gem_lite.simulation.worlds import WorldStyle
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Measurement:
         split, start: the split, and the index of the first episode in it.
         checkpoint: of a learned method.
         clip_name: see `clip.load`.
-        world: the name of the world, see `worlds.style`.
+        world: the name of the world, see `looks.style`.
         preset: of the configuration, for a method without a checkpoint that depends on pixels and angles.
         skip: the indices of episodes to leave out, such as those that the expert does not solve: later ones take their
             place.
@@ -113,7 +113,7 @@ class Measurement:
                 episode to skip, a task without several tables, or a method that cannot choose over them.
             FileNotFoundError: no such checkpoint.
         """
-        _ = self.parts, worlds.style(self.world)
+        _ = self.parts, looks.style(self.world)
         if self.conditions:
             if self.tables < 1:
                 raise ValueError(f"tables must be at least 1, got {self.tables}")
@@ -138,7 +138,7 @@ class Job:
     """A few episodes of a measurement for one process, in a world that may be unknown there."""
 
     measurement: Measurement
-    style: WorldStyle
+    style: Look
     indices: Sequence[int]
 
 
@@ -208,7 +208,7 @@ def evaluate(measurement: Measurement, processes: int | None = None) -> list[Epi
         ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
     measurement.check()  # Errors are raised here, not in a worker.
-    style = worlds.style(measurement.world)
+    style = looks.style(measurement.world)
     jobs = [Job(measurement, style, part) for part in measurement.parts]
     label = f"{measurement.method} on {measurement.task}"
     return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, processes)

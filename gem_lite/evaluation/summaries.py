@@ -15,7 +15,7 @@ from gem_lite.evaluation import actors, results, statistics
 from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.policies import methods
-from gem_lite.simulation.worlds import HOME
+from gem_lite.simulation.looks import HOME
 
 COMPARED = ("gem", "cliport", "transporter-lan")
 """The methods that are compared with other numbers of demonstrations (Fig. A5)."""

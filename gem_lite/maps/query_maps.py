@@ -14,7 +14,7 @@ import numpy as np
 from gem_lite import language
 from gem_lite.config import FLAG, RADIUS, TEXT, Allowed, number, or_none
 from gem_lite.language import Query
-from gem_lite.maps import locations, semantic_map
+from gem_lite.maps import location_words, semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
@@ -64,7 +64,7 @@ def query_maps(
     """A query's maps: Eq. 1-4 without the depth, which the networks add.
 
     A phrase with "and" is several phrases, whose maps are joined. A location word chooses among the strongest responses
-    of a phrase (`locations.located`). A whole sentence (`Config.parsing`) is one query and has neither.
+    of a phrase (`location_words.located`). A whole sentence (`Config.parsing`) is one query and has neither.
 
     Args:
         scene: of ``source``.
@@ -83,13 +83,13 @@ def _located_maps(
 ) -> QueryMaps:  # fmt: skip
     word = None
     if config.parsing and isinstance(query, str):
-        word = locations.location_word(query)
-        query = locations.canonical(query)
+        word = location_words.location_word(query)
+        query = location_words.canonical(query)
     maps = _member_maps(source, scene, query, config, memory, hidden)
     if word is None or not config.locations:
         return maps
-    text = locations.located(maps.text, word, config.workspace)
-    return QueryMaps(text, maps.image, locations.located(maps.fused, word, config.workspace))
+    text = location_words.located(maps.text, word, config.workspace)
+    return QueryMaps(text, maps.image, location_words.located(maps.fused, word, config.workspace))
 
 
 def _member_maps(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gem_lite.policies.samples import Sample
+from gem_lite.policies.inputs import Sample
 from gem_lite.se2 import ImageMotion
 
 TRIES = 100

@@ -1,4 +1,4 @@
-"""What every learned method shares: how it reads, acts and is trained. `PickPlacePolicy` is the interface.
+"""What every learned method shares: how it reads, acts and is trained. `Policy` is the interface.
 
 A method turns camera views into its own kind of `Scene`, a scene and two queries into `Inputs`, and inputs into logits
 over angles and pixels. The rest is the same for all methods and is in this module: from the sentence to the action,
@@ -22,13 +22,13 @@ from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import ImageQuery, Queries, Query
-from gem_lite.maps import locations
+from gem_lite.maps import location_words
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
 from gem_lite.policies.choices import Choice, TablesChoice
 from gem_lite.policies.gates import Gate, gated, unmoved, untried
-from gem_lite.policies.samples import (
+from gem_lite.policies.inputs import (
     Cell,
     Inputs,
     PreparedStep,
@@ -57,7 +57,7 @@ class Scene(Protocol):
 SceneT = TypeVar("SceneT", bound=Scene)
 
 
-class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
+class Policy(nn.Module, ABC, Generic[SceneT]):
     """A learned method: from images and a sentence to one pick and place.
 
     A new method has ``method`` and ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
@@ -165,16 +165,16 @@ class PickPlacePolicy(nn.Module, ABC, Generic[SceneT]):
 
     def embed_words(self, query: Query) -> torch.Tensor:
         """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
-        plain = locations.canonical(query) if self.config.parsing and isinstance(query, str) else query
+        plain = location_words.canonical(query) if self.config.parsing and isinstance(query, str) else query
         embedding = embed_query(plain, self.clip)
         if not self.config.location_code:
             return embedding
-        return torch.cat([embedding, locations.code("" if isinstance(query, ImageQuery) else query)])
+        return torch.cat([embedding, location_words.code("" if isinstance(query, ImageQuery) else query)])
 
     @property
     def language_dim(self) -> int:
         """L, the length of `embed_words`."""
-        return self.clip.dim + (locations.CODE_LENGTH if self.config.location_code else 0)
+        return self.clip.dim + (location_words.CODE_LENGTH if self.config.location_code else 0)
 
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""

@@ -17,7 +17,7 @@ from gem_lite.config import Config
 from gem_lite.files import read_json, write_together
 from gem_lite.maps.crop_memory import CropMemory
 from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 
 SUFFIX = ".safetensors"
 
@@ -34,7 +34,7 @@ def card_path(path: Path | str) -> Path:
     return path.with_suffix(".json")
 
 
-def save_policy(policy: PickPlacePolicy, path: Path, facts: dict) -> None:
+def save_policy(policy: Policy, path: Path, facts: dict) -> None:
     """Write ``path`` (safetensors: weights and crop memory) and beside it a JSON that describes it.
 
     Args:
@@ -86,7 +86,7 @@ def read_card(path: Path) -> dict:
 
 def load_policy(
     path: Path, model: Clip, settings: Config | None = None, parser: language.Parser | None = None
-) -> PickPlacePolicy:
+) -> Policy:
     """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
 
     Args:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.language import Queries
-from gem_lite.policies.samples import Inputs
+from gem_lite.policies.inputs import Inputs
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
@@ -18,7 +18,7 @@ class Choice:
     """A decision, and the logits from which it was made.
 
     ``pick_logits`` and ``place_logits`` are (R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
-    best logit among the allowed ones (`PickPlacePolicy.choose_over`).
+    best logit among the allowed ones (`Policy.choose_over`).
     """
 
     instruction: str

@@ -24,8 +24,8 @@ from typing_extensions import override
 
 from gem_lite.config import FLAG, LENGTH, Ablation, Allowed, up_to
 from gem_lite.language import Queries
+from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
-from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig, Rival
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views

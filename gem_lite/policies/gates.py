@@ -17,9 +17,9 @@ from scipy import ndimage
 from gem_lite.clip import Clip
 from gem_lite.config import Config
 from gem_lite.language import Queries, Query
-from gem_lite.maps import locations, sources
+from gem_lite.maps import location_words, sources
 from gem_lite.maps.query_maps import MapConfig, query_maps
-from gem_lite.policies.samples import BARE_HEIGHT
+from gem_lite.policies.inputs import BARE_HEIGHT
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
 
@@ -134,6 +134,6 @@ class RivalGates:
             return Gate(torch.from_numpy(fused), height, self.config)
 
         gates = {} if queries.push else {"pick": gate(queries.pick)}
-        if isinstance(queries.place, str) and locations.location_word(queries.place):
+        if isinstance(queries.place, str) and location_words.location_word(queries.place):
             gates["place"] = gate(queries.place)
         return gates

@@ -19,12 +19,11 @@ from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.choices import Choice
 from gem_lite.policies.gates import Gate
 from gem_lite.policies.gem_config import GemConfig
-from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
-from gem_lite.policies.samples import (
+from gem_lite.policies.inputs import (
     HEIGHT_SCALE,
     RGBD,
     Cell,
@@ -36,6 +35,7 @@ from gem_lite.policies.samples import (
     label,
     to_rgbd,
 )
+from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel
@@ -137,7 +137,7 @@ class Decision(Choice):
     place_map: np.ndarray
 
 
-class Policy(PickPlacePolicy[SceneEmbedding]):
+class Gem(Policy[SceneEmbedding]):
     """The paper's method, without the parts that its configuration switches off (Table A2)."""
 
     method = "gem"

@@ -5,17 +5,17 @@ from __future__ import annotations
 import inspect
 
 from gem_lite.config import Config
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.transporter import TransporterLan
 from gem_lite.registry import Registry
 
-METHODS: Registry[type[PickPlacePolicy]] = Registry("method")
+METHODS: Registry[type[Policy]] = Registry("method")
 """Methods by their names, without ablations."""
 
 
-def register(method: type[PickPlacePolicy]) -> type[PickPlacePolicy]:
+def register(method: type[Policy]) -> type[Policy]:
     """Make a method known by its ``method``; a decorator for its class.
 
     Raises:
@@ -24,11 +24,11 @@ def register(method: type[PickPlacePolicy]) -> type[PickPlacePolicy]:
     return METHODS.add(method.method, method)
 
 
-for _method in (Policy, TransporterLan, ClipPort, GroundedClipPort):
+for _method in (Gem, TransporterLan, ClipPort, GroundedClipPort):
     register(_method)
 
 
-def _first_line(method: type[PickPlacePolicy]) -> str:
+def _first_line(method: type[Policy]) -> str:
     return (inspect.getdoc(method) or "").partition("\n")[0]
 
 
@@ -70,7 +70,7 @@ def split(name: str) -> tuple[str, tuple[str, ...]]:
     return method, tuple(ending for ending in known if ending in endings)
 
 
-def find(name: str, preset: str = "lite") -> tuple[type[PickPlacePolicy], Config]:
+def find(name: str, preset: str = "lite") -> tuple[type[Policy], Config]:
     """The class of a method's name, and one of its presets changed by the name's endings.
 
     Raises:
@@ -84,7 +84,7 @@ def find(name: str, preset: str = "lite") -> tuple[type[PickPlacePolicy], Config
     return method, config
 
 
-def of_card(card: dict) -> tuple[type[PickPlacePolicy], Config]:
+def of_card(card: dict) -> tuple[type[Policy], Config]:
     """The class and the configuration of a checkpoint's card.
 
     Raises:
@@ -121,7 +121,7 @@ def acts_alone(config: Config, ending: str) -> bool:
     return bool(changes) and changes <= config.ACTING
 
 
-def acting_as(card: dict, name: str) -> tuple[type[PickPlacePolicy], Config]:
+def acting_as(card: dict, name: str) -> tuple[type[Policy], Config]:
     """As `of_card`, with the configuration by which a checkpoint acts as the method ``name``.
 
     Raises:

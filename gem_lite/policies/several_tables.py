@@ -1,7 +1,7 @@
 """Stitch and split (A.12): one argmax over the action maps of several tables gives the table, the pixel and the angle.
 
 The policy learned on one table. Its networks are convolutions, and its kernels come from words or a crop. So the same
-kernel can be correlated with the features of every table (`PickPlacePolicy.choose_over`).
+kernel can be correlated with the features of every table (`Policy.choose_over`).
 """
 
 from __future__ import annotations

@@ -24,10 +24,10 @@ from typing_extensions import override
 from gem_lite.config import COUNT, FLAG, SHARED_ENDINGS, Ablation, Allowed, Config, each, or_none
 from gem_lite.language import Queries
 from gem_lite.maps.query_maps import MapConfig
-from gem_lite.policies.base import PickPlacePolicy, SceneT
+from gem_lite.policies.base import Policy, SceneT
 from gem_lite.policies.gates import Gate, RivalGates
+from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet
-from gem_lite.policies.samples import RGBD, Inputs, to_rgbd
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import angle_bins
@@ -180,7 +180,7 @@ class KeyQuery(nn.Module):
         return features[..., : self.size, : self.size].unflatten(0, (len(image), count)) / self.size
 
 
-class Rival(PickPlacePolicy[SceneT]):
+class Rival(Policy[SceneT]):
     """What Transporter-Lan and CLIPort share: one pick angle and GEM's rules, if their configuration says so."""
 
     config: KeyQueryConfig

@@ -17,8 +17,8 @@ from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, Effector
 from gem_lite.simulation.floating_tool import PARKED, RATE
+from gem_lite.simulation.looks import HOME, RGBA, Look
 from gem_lite.simulation.task import SOLVED, Task
-from gem_lite.simulation.worlds import HOME, RGBA, WorldStyle
 
 SETTLE_STEPS = 4800
 """The scene may take this many simulation steps to come to rest."""
@@ -73,7 +73,7 @@ class Environment(ABC):
     base: Pose2 = Pose2(0.0, 0.0)
     parked: tuple[float, float, float] = PARKED
 
-    def __init__(self, gui: bool = False, style: WorldStyle = HOME) -> None:
+    def __init__(self, gui: bool = False, style: Look = HOME) -> None:
         self.style = style
         self.workspace = Workspace()
         self.client = p.connect(p.GUI if gui else p.DIRECT)

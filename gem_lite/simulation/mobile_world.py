@@ -22,13 +22,13 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation.bodies import tag_plates
 from gem_lite.simulation.bodies.shapes import create_compound, create_visual
-from gem_lite.simulation.driving import Finder, localise
 from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.finding_tables import Finder, localise
 from gem_lite.simulation.floating_tool import CLEARANCE
+from gem_lite.simulation.looks import HOME as HOME_STYLE
+from gem_lite.simulation.looks import TABLE_COLOR, Look
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
 from gem_lite.simulation.task import Task
-from gem_lite.simulation.worlds import HOME as HOME_STYLE
-from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
 
 TABLE_HEIGHT = 0.7
 """Height (m) of the tables' tops above the floor. All heights are measured from the tables' tops."""
@@ -97,7 +97,7 @@ class MobileWorld(Environment):
 
     def __init__(
         self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), find: Finder = localise,
-        gui: bool = False, style: WorldStyle = HOME_STYLE,
+        gui: bool = False, style: Look = HOME_STYLE,
     ) -> None:  # fmt: skip
         super().__init__(gui, style)
         if not tables:

@@ -11,8 +11,8 @@ from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.looks import TABLE_COLOR, Look
 from gem_lite.simulation.rendering import cameras_around, render, with_background
-from gem_lite.simulation.worlds import TABLE_COLOR, WorldStyle
 
 INVISIBLE = (0.0, 0.0, 0.0, 0.0)
 
@@ -58,7 +58,7 @@ class World(Environment):
 
 
 @lru_cache(maxsize=16)
-def _floor_views(style: WorldStyle, workspace: Workspace) -> tuple[View, ...]:
+def _floor_views(style: Look, workspace: Workspace) -> tuple[View, ...]:
     """What the cameras see of the floor alone."""
     with World(style=style) as world:
         world.workspace = workspace

@@ -7,7 +7,7 @@ from typing_extensions import override
 
 from gem_lite import colors
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation.bodies import objects, symbols, trays
+from gem_lite.simulation.bodies import objects, symbol_boxes, trays
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, ZoneMetric
@@ -31,7 +31,7 @@ TOPPLING = 2.0
 """Seconds before the first picture. In this time, bodies that cannot stand (some ducks) fall over."""
 VARIANTS = (1000, 1100)
 """The range of the objects' variants. CLIP was not trained on their proportions, see `objects.TRAINING_VARIANTS`."""
-INSIDE = ZoneMetric((symbols.BOX_SIDE, symbols.BOX_SIDE), trays.CONTAINER_HEIGHT)
+INSIDE = ZoneMetric((symbol_boxes.BOX_SIDE, symbol_boxes.BOX_SIDE), trays.CONTAINER_HEIGHT)
 
 
 @register("object-sorting", {"seen": {}, "unseen": {"unseen": True}})
@@ -53,7 +53,7 @@ class ObjectSorting(Task):
             table = int(rng.integers(len(environment.tables)))
             return environment.tables[table] @ free[table].take(radius)
 
-        boxes = [self._add_box(environment, symbol, random_pose(symbols.BOX_RADIUS)) for symbol in box_symbols]
+        boxes = [self._add_box(environment, symbol, random_pose(symbol_boxes.BOX_RADIUS)) for symbol in box_symbols]
         named = object_names[seed % len(object_names)]
         others = [name for name in object_names if name != named]
         distractors = [str(name) for name in rng.choice(others, OBJECTS - 1, replace=False)]
@@ -71,6 +71,6 @@ class ObjectSorting(Task):
         return [Goal(sentence, (bodies[0],), (boxes[number],), INSIDE)]
 
     def _add_box(self, environment: Environment, symbol: str, pose: Pose2) -> Body:
-        box = environment.add(symbols.add_symbol_box(environment.client, symbol, pose))
+        box = environment.add(symbol_boxes.add_symbol_box(environment.client, symbol, pose))
         self.names[box.id] = f"{symbol} box"
         return box

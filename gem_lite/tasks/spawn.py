@@ -12,7 +12,7 @@ from gem_lite.simulation.bodies import trays
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import ZoneMetric
-from gem_lite.simulation.worlds import HOME, WorldStyle
+from gem_lite.simulation.looks import HOME, Look
 
 TRIES = 1000
 GAP = 0.015
@@ -33,7 +33,7 @@ class FreeSpace:
     """
 
     def __init__(
-        self, workspace: Workspace, rng: np.random.Generator, style: WorldStyle = HOME, gap: float = GAP
+        self, workspace: Workspace, rng: np.random.Generator, style: Look = HOME, gap: float = GAP
     ) -> None:  # fmt: skip
         self._workspace, self._rng, self._style, self._gap = workspace, rng, style, gap
         self._taken: list[tuple[Pose2, float, float]] = []  # pose, radius, side

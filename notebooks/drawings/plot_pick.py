@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 from scipy.ndimage import maximum_filter
 
 from gem_lite.drawing.plots import LEAST_LOGIT, OUTLINE, PICK_COLOR, action_map, bare, draw_gripper
-from gem_lite.policies.samples import Sample, to_picture
+from gem_lite.policies.inputs import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72

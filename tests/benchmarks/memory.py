@@ -16,8 +16,8 @@ from pathlib import Path
 
 from gem_lite import clip, demonstrations
 from gem_lite.evaluation import collecting
-from gem_lite.learning import train
 from gem_lite.policies import methods
+from gem_lite.training import train
 
 TASK = "stack-block-pyramid-seq-seen-colors"
 COUNTS = (10, 50, 100)

@@ -9,9 +9,9 @@ import torch
 from timing import seconds
 
 from gem_lite import clip, tasks
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.policies.samples import collate
+from gem_lite.policies.inputs import collate
 from gem_lite.simulation.world import World
 
 COUNTS = (1, 2, 4, 8)
@@ -21,7 +21,7 @@ REPEATS = 7
 @torch.inference_mode()
 def main() -> None:
     """Print seconds for each number of tables, and how they grow."""
-    policy = Policy(LITE.on_table(1.06), clip.load())
+    policy = Gem(LITE.on_table(1.06), clip.load())
     policy.eval()
     task = tasks.make("object-sorting-seen", "val")
     with World() as world:

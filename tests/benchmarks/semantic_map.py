@@ -11,7 +11,7 @@ import torch
 from timing import seconds
 
 from gem_lite import clip, tasks
-from gem_lite.maps import recognition, semantic_map
+from gem_lite.maps import refusal, semantic_map
 from gem_lite.maps.patches import PatchEmbeddings, PatchGrid, embed_patches, paint_outside, patchify
 from gem_lite.maps.sources import MultiView
 from gem_lite.policies.gem_config import LITE
@@ -71,7 +71,7 @@ def main() -> None:
     again, _ = seconds(lambda: source.embed(views), REPEATS)
     print(f"the same pictures again: {again:.3f} s, embedded anew {lean:.3f} s: {lean / again:.0f} times as long")
 
-    phrases = [PHRASE, *recognition.alternatives(PHRASE)]
+    phrases = [PHRASE, *refusal.alternatives(PHRASE)]
     model.embed_texts(phrases)
 
     def pixel_by_pixel() -> np.ndarray:

@@ -15,11 +15,11 @@ from timing import seconds
 from torch import nn
 
 from gem_lite import clip, demonstrations
-from gem_lite.learning.train import make_batch
 from gem_lite.policies import methods
-from gem_lite.policies.base import PickPlacePolicy
+from gem_lite.policies.base import Policy
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.networks import parameter_count
+from gem_lite.training.train import make_batch
 
 DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
@@ -47,7 +47,7 @@ class Clock:
         module.register_forward_hook(lambda *_: self.spent.update({part: time.perf_counter() - started.pop()}))
 
 
-def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
+def watch_parts(policy: Policy, clock: Clock) -> None:
     """The kernel generators and query networks, and the networks that see the whole scene."""
     for module in policy.roles.values():
         named = dict(module.named_modules())
@@ -60,8 +60,8 @@ def watch_parts(policy: PickPlacePolicy, clock: Clock) -> None:
             clock.watch("encoder", named[name])
 
 
-def step_by_parts(policy: PickPlacePolicy, prepared: list, optimizers: dict, clock: Clock) -> None:
-    """One training step as `gem_lite.learning.train.train` makes it."""
+def step_by_parts(policy: Policy, prepared: list, optimizers: dict, clock: Clock) -> None:
+    """One training step as `gem_lite.training.train.train` makes it."""
     batch = clock.timed("batch", lambda: make_batch(policy, prepared, np.random.default_rng(0)))
     before = clock.spent["encoder"] + clock.spent["kernel"]
     start = time.perf_counter()

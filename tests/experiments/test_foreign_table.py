@@ -12,9 +12,9 @@ import pytest
 
 from gem_lite import clip
 from gem_lite.evaluation import results
-from gem_lite.learning import recorded
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.se2 import Workspace
+from gem_lite.training import recorded_steps
 
 POLICY = clip.DATA / "gem-foreign-table.safetensors"
 
@@ -33,8 +33,8 @@ def run(*words, folder):
 
 def test_the_stored_demonstrations_are_those_that_the_command_records(tmp_path):
     run("record", "demos", "--episodes", 1, folder=tmp_path)
-    (fresh,) = recorded.read(tmp_path / "demos", Workspace())
-    stored = next(recorded.read(clip.DATA / "foreign-demos", Workspace()))
+    (fresh,) = recorded_steps.read(tmp_path / "demos", Workspace())
+    stored = next(recorded_steps.read(clip.DATA / "foreign-demos", Workspace()))
     assert fresh.steps[0].instruction == stored.steps[0].instruction
     for name in ("pick", "place"):
         a, b = (getattr(part.steps[0].expert.action, name) for part in (fresh, stored))
@@ -42,7 +42,7 @@ def test_the_stored_demonstrations_are_those_that_the_command_records(tmp_path):
 
 
 def test_the_shipped_policy_was_trained_on_the_stored_demonstrations(tmp_path):
-    packed = recorded.pack(clip.DATA / "foreign-demos", tmp_path / "packed", Workspace())
+    packed = recorded_steps.pack(clip.DATA / "foreign-demos", tmp_path / "packed", Workspace())
     assert read_card(POLICY)["data_sha256"] == packed.digest and read_card(POLICY)["demos"] == len(packed) == 5
 
 

@@ -25,7 +25,7 @@ from gem_lite.clip import calibration
 from gem_lite.evaluation.results import file_rows, read_rows
 from gem_lite.maps.crop_memory import CropEntry, CropMemory, _digest
 from gem_lite.policies import checkpoints
-from gem_lite.policies.gem import Policy
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.recordings import Recording
 
@@ -72,7 +72,7 @@ def whole(demo_set, model, tmp_path_factory):
         [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
     )
     memory.save(folder / "memory.safetensors")
-    checkpoints.save_policy(Policy(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
+    checkpoints.save_policy(Gem(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
     file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
     shutil.copy(calibration.path_for(model), folder / "calibration.json")
     return folder

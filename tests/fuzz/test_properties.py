@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gem_lite import language
 from gem_lite.language import Queries, conjuncts, parse, word_lists
-from gem_lite.maps import locations
+from gem_lite.maps import location_words
 from gem_lite.maps.patches import PatchGrid, patchify, unpatchify
 from gem_lite.policies.several_tables import split, stitch
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_off, rotate_image, rotation_matrix, wrap
@@ -368,9 +368,9 @@ def test_any_text_is_refused_or_read_in_its_own_words(sentence):
         return
     left = iter(words_of(sentence))
     for phrase in (queries.pick, queries.place):
-        for word in words_of(locations.without_location(phrase)):
+        for word in words_of(location_words.without_location(phrase)):
             assert word in left, f"{word!r} of {queries} is not said, or not in this order"
-        word = locations.location_word(phrase)
+        word = location_words.location_word(phrase)
         assert word is None or any(word == word_lists.LEADING.get(said, said) for said in sentence.lower().split())
     assert parse(f"put the {queries.pick} in the {queries.place}") == queries
 

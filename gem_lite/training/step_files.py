@@ -28,9 +28,9 @@ from typing_extensions import override
 
 from gem_lite import files, registry
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.learning.mixture import Joined
-from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.samples import PreparedStep, Sample
+from gem_lite.policies.base import Policy
+from gem_lite.policies.inputs import PreparedStep, Sample
+from gem_lite.training.mixture import Joined
 
 LIBRARIES = ("numpy", "scipy", "torch", "transformers")
 """The libraries that compute prepared steps. With other versions, steps may differ in their last bits."""
@@ -119,7 +119,7 @@ def share(
         lock.release()
 
 
-def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, shared: bool = False) -> StoredSteps:
+def prepare(policy: Policy, demos: DemonstrationSet, folder: Path, shared: bool = False) -> StoredSteps:
     """Prepare demonstrations for training: fill the policy's memory, and `store` the prepared steps.
 
     Args:
@@ -132,7 +132,7 @@ def prepare(policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, shar
 
 
 def prepare_tasks(
-    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], folder: Path, shared: bool = False
+    policy: Policy, sets: Sequence[DemonstrationSet], folder: Path, shared: bool = False
 ) -> Joined[PreparedStep]:
     """`prepare` the demonstrations of several tasks for one policy. It may retrieve crops of every task.
 
@@ -146,7 +146,7 @@ def prepare_tasks(
 
 
 def prepare_steps(
-    policy: PickPlacePolicy, demos: DemonstrationSet, folder: Path, remembered: Sequence[DemonstrationSet],
+    policy: Policy, demos: DemonstrationSet, folder: Path, remembered: Sequence[DemonstrationSet],
     shared: bool = False,
 ) -> StoredSteps:  # fmt: skip
     """`store` or `share` the prepared steps of demonstrations.
@@ -165,9 +165,7 @@ def prepare_steps(
     return put(functools.partial(policy.prepare, demos), folder, source, code_digest(policy))
 
 
-def identity(
-    policy: PickPlacePolicy, demos: DemonstrationSet, remembered: Sequence[DemonstrationSet]
-) -> dict[str, object]:
+def identity(policy: Policy, demos: DemonstrationSet, remembered: Sequence[DemonstrationSet]) -> dict[str, object]:
     """The facts that decide the prepared steps, except for the program; ready for JSON.
 
     Entries of the configuration that the preparation does not read are left out (`Config.preparation`). What is
@@ -179,7 +177,7 @@ def identity(
     """
     kind = type(policy)
     parser = policy.parser if hasattr(policy.parser, "__qualname__") else type(policy.parser)
-    remembers = kind.remember is not PickPlacePolicy.remember
+    remembers = kind.remember is not Policy.remember
     return {
         "data": demos.digest,
         "method": f"{kind.__module__}.{kind.__qualname__}",
@@ -191,7 +189,7 @@ def identity(
     }
 
 
-def code_digest(policy: PickPlacePolicy) -> str:
+def code_digest(policy: Policy) -> str:
     """SHA-256 of the program that prepares steps for a policy. It changes with every change of the library's code.
 
     It also changes with the files of modules outside the library that define the policy or register something, and with
@@ -209,7 +207,7 @@ def code_digest(policy: PickPlacePolicy) -> str:
     return digest.hexdigest()
 
 
-def _outside_modules(policy: PickPlacePolicy) -> list[str]:
+def _outside_modules(policy: Policy) -> list[str]:
     """The modules outside the library that define the policy's class or parser, or register something."""
     parser = getattr(policy.parser, "__module__", type(policy.parser).__module__)
     names = {*registry.modules(), parser, *(kind.__module__ for kind in type(policy).__mro__)}

@@ -11,7 +11,7 @@ from accelerate import PartialState
 from gem_lite import demonstrations, language
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
-from gem_lite.learning import recorded
+from gem_lite.training import recorded_steps
 
 SPLIT = "train"
 """The split of the demonstrations that train policies. The others measure them."""
@@ -22,17 +22,17 @@ def packed(folders: Sequence[Path], into: Path, settings: Config) -> list[Path]:
 
     Of several processes, the first writes these sets, and the others must come after it.
 
-    Raises: see `recorded.read`.
+    Raises: see `recorded_steps.read`.
     """
     parser = language.PARSERS.find(settings.parser)
     ready = []
     for number, folder in enumerate(folders):
-        if not recorded.is_recorded(folder):
+        if not recorded_steps.is_recorded(folder):
             ready.append(folder)
             continue
         place = into / str(number) / folder.resolve().name
         if PartialState().is_main_process:  # Only one process may write into a folder.
-            recorded.pack(folder, place, settings.workspace, parser)
+            recorded_steps.pack(folder, place, settings.workspace, parser)
         ready.append(place)
     return ready
 

@@ -109,7 +109,7 @@ class Sample(Inputs):
 
 PreparedStep = tuple[Sample, ...]
 """A demonstrated step before augmentation. Most methods have one form of it; of several, training draws one
-(`PickPlacePolicy.form_chances`)."""
+(`Policy.form_chances`)."""
 
 
 def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:

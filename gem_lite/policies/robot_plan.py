@@ -7,7 +7,7 @@ Also the bridge for environments that speak CLIPort's dictionaries, `from_clipor
 
 Three things differ there. CLIPort's poses have a height, so `to_cliport` needs the height map, and only `decide` gives
 it. CLIPort's blade stops 5 cm before the second pose of a push, so `to_cliport` moves that pose on by 5 cm. And CLIPort
-does not return its log of grasps: the caller has to keep the ``empty_picks`` of `PickPlacePolicy.act`.
+does not return its log of grasps: the caller has to keep the ``empty_picks`` of `Policy.act`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class RobotPlan:
 
 
 def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.ndarray = TOOL_DOWN) -> RobotPlan:
-    """The plan for a choice of `PickPlacePolicy.decide`.
+    """The plan for a choice of `Policy.decide`.
 
     Args:
         base_from_table: (4, 4), from the table's frame to the base's (m); by default they are the same.
@@ -148,7 +148,7 @@ def to_cliport(action: Action, heightmap: HeightMap) -> dict[str, tuple]:
     in both; only the rows of CLIPort's own height maps grow the other way.
 
     Args:
-        heightmap: of the observation, from `PickPlacePolicy.decide`; it gives the heights of the positions.
+        heightmap: of the observation, from `Policy.decide`; it gives the heights of the positions.
 
     Raises:
         ValueError: a pose lies outside the map, or a push ends where it starts.

@@ -10,7 +10,7 @@ from typing import TypeVar, overload
 import numpy as np
 from typing_extensions import override
 
-from gem_lite.policies.samples import PreparedStep
+from gem_lite.policies.inputs import PreparedStep
 
 T = TypeVar("T")
 

@@ -18,12 +18,12 @@ from tqdm import tqdm
 from gem_lite import clip
 from gem_lite.config import Config
 from gem_lite.demonstrations import DemonstrationSet
-from gem_lite.learning import dataset, folders, mixture
-from gem_lite.learning.dataset import StoredSteps
-from gem_lite.learning.training_state import STATE_FILE, Cost, TrainingState
 from gem_lite.policies import checkpoints
-from gem_lite.policies.base import PickPlacePolicy
-from gem_lite.policies.samples import PreparedStep, Sample
+from gem_lite.policies.base import Policy
+from gem_lite.policies.inputs import PreparedStep, Sample
+from gem_lite.training import folders, mixture, step_files
+from gem_lite.training.step_files import StoredSteps
+from gem_lite.training.training_state import STATE_FILE, Cost, TrainingState
 
 SAVE_EVERY = 100
 """The training state is saved after this number of steps at the latest."""
@@ -39,9 +39,9 @@ MAX_GRADIENT_NORM = 1.0
 
 
 def make_batch(
-    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], rng: np.random.Generator
+    policy: Policy, prepared: Sequence[PreparedStep], rng: np.random.Generator
 ) -> list[Sample]:  # fmt: skip
-    """A batch of training samples (`PickPlacePolicy.draw`). Of several tasks, each is drawn equally often."""
+    """A batch of training samples (`Policy.draw`). Of several tasks, each is drawn equally often."""
     return [policy.draw(mixture.draw(prepared, rng), rng) for _ in range(policy.config.batch)]
 
 
@@ -53,7 +53,7 @@ def learning_rate(settings: Config, step: int) -> float:
 class Losses(nn.Module):
     """A policy's losses as the forward pass of one module. Several processes need it to average their gradients."""
 
-    def __init__(self, policy: PickPlacePolicy) -> None:
+    def __init__(self, policy: Policy) -> None:
         super().__init__()
         self.policy = policy
 
@@ -69,7 +69,7 @@ class Learner:
         modules, optimizers: by role.
     """
 
-    def __init__(self, policy: PickPlacePolicy, accelerator: Accelerator) -> None:
+    def __init__(self, policy: Policy, accelerator: Accelerator) -> None:
         self.accelerator = accelerator
         self.policy = policy
         self.modules = policy.roles
@@ -110,7 +110,7 @@ class Learner:
 
 
 def train(
-    policy: PickPlacePolicy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
+    policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
     watch: Callable[[int, dict[str, float]], None] | None = None,
 ) -> Cost:  # fmt: skip
     """Train a policy's modules in place. Returns the total cost of the training.
@@ -154,14 +154,12 @@ def train(
     return state.cost
 
 
-def _state(
-    policy: PickPlacePolicy, learner: Learner, prepared: Sequence[PreparedStep], seed: int, run: Path
-) -> TrainingState:
+def _state(policy: Policy, learner: Learner, prepared: Sequence[PreparedStep], seed: int, run: Path) -> TrainingState:
     """The training state, restored from ``run`` if it was saved there."""
     accelerator = learner.accelerator
     identity = {
         "method": policy.name, "config": policy.config.as_dict(), "seed": seed,
-        "data": dataset.fingerprint(prepared), "processes": accelerator.num_processes,
+        "data": step_files.fingerprint(prepared), "processes": accelerator.num_processes,
     }  # fmt: skip
     writes = accelerator.is_main_process
     state = TrainingState(run / STATE_FILE, identity, learner.modules, learner.optimizers, writes)
@@ -177,7 +175,7 @@ def _step_rng(seed: int, step: int, process: int) -> np.random.Generator:
 
 
 def prepared_steps(
-    policy: PickPlacePolicy, demos: DemonstrationSet, run: Path, device: str = "cpu", shared: Path | None = None
+    policy: Policy, demos: DemonstrationSet, run: Path, device: str = "cpu", shared: Path | None = None
 ) -> StoredSteps:
     """The prepared steps of demonstrations, in files, for `train`.
 
@@ -188,21 +186,21 @@ def prepared_steps(
             the files are in ``run``, for this training alone.
 
     Raises:
-        ValueError, OSError: the errors of `dataset.prepare`.
+        ValueError, OSError: the errors of `step_files.prepare`.
     """
     team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
     with team.main_process_first():
-        return dataset.prepare(policy, demos, shared or run / PREPARED, shared is not None)
+        return step_files.prepare(policy, demos, shared or run / PREPARED, shared is not None)
 
 
 def prepared_tasks(
-    policy: PickPlacePolicy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu",
+    policy: Policy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu",
     shared: Path | None = None,
 ) -> Sequence[PreparedStep]:  # fmt: skip
     """As `prepared_steps`, for the demonstrations of several tasks."""
     team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
     with team.main_process_first():
-        return dataset.prepare_tasks(policy, sets, shared or run / PREPARED, shared is not None)
+        return step_files.prepare_tasks(policy, sets, shared or run / PREPARED, shared is not None)
 
 
 def discard(run: Path) -> None:
@@ -220,14 +218,14 @@ def hardware(device: str) -> str:
 
 
 def train_from_folder(
-    folder: Path, checkpoint: Path, method: type[PickPlacePolicy], settings: Config, run: Path, seed: int = 0,
+    folder: Path, checkpoint: Path, method: type[Policy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu", also: Sequence[Path] = (),
     shared: Path | None = None,
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
-        folder: a set of `demonstrations.save`, or recorded episodes (`learning.recorded`).
+        folder: a set of `demonstrations.save`, or recorded episodes (`training.recorded_steps`).
         also: folders with as many demonstrations of other tasks, each drawn equally often, for a method with the
             ending "multi".
         settings: the method's configuration. Recorded episodes keep its table; others set its length.

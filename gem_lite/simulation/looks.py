@@ -1,6 +1,6 @@
 """Worlds by name: scenes of the same task may differ in light, floor, containers and spacing.
 
-For a new world, make a `WorldStyle` with other values and a new name, and call `register`.
+For a new world, make a `Look` with other values and a new name, and call `register`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
 
 
 @dataclass(frozen=True)
-class WorldStyle:
+class Look:
     """The looks and the layout of scenes. The defaults are the world "home", for which the tasks were written.
 
     Attributes:
@@ -55,23 +55,23 @@ OTHER_BOWLS = (
     BowlProfile(rim=0.064, base=0.05, height=0.022, wall=0.005, floor=0.004),
 )
 
-HOME = WorldStyle()
-VARIED = WorldStyle(
+HOME = Look()
+VARIED = Look(
     "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
     plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
 )  # fmt: skip
-WORLDS: Registry[WorldStyle] = Registry("world")
+WORLDS: Registry[Look] = Registry("world")
 """Every world by its name. Demonstrations come from "home", "varied" or "crowded"; the others only test."""
 
 
-def register(world: WorldStyle) -> WorldStyle:
+def register(world: Look) -> Look:
     """Add a world under its name and return it. Raises ValueError if another world has this name."""
     if world.name in WORLDS.names() and style(world.name) != world:
         raise ValueError(f"world.name must be new: there is another world named {world.name!r}")
     return WORLDS.add(world.name, world)
 
 
-def style(name: str) -> WorldStyle:
+def style(name: str) -> Look:
     """The world with this name. If there is none, raises ValueError with the nearest names."""
     return WORLDS.find(name)
 
@@ -85,10 +85,10 @@ for _world in (
     HOME,
     VARIED,
     replace(VARIED, name="crowded", touching=0.5),
-    WorldStyle("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
-    WorldStyle("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
-    WorldStyle("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
-    WorldStyle("touching", touching=0.6),
-    WorldStyle("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
+    Look("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
+    Look("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
+    Look("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
+    Look("touching", touching=0.6),
+    Look("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
 ):
     register(_world)
