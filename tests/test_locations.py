@@ -190,6 +190,11 @@ def test_the_code_counts_words_before_and_after_to(phrase, words):
     assert code.norm() == pytest.approx(1 if words else 0)
 
 
+def test_a_word_after_to_is_another_than_one_before():
+    before, after = location_words.code("left block"), location_words.code("block to the left")
+    assert any(before) and any(after) and not torch.equal(before, after)
+
+
 def test_a_line_has_one_code_in_both_directions():
     # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
     for start, end in ropes.DIRECTIONS:
