@@ -65,16 +65,16 @@ def test_a_learned_method_needs_its_own_checkpoint():
 
 
 def test_a_world_is_chosen_by_its_name(monkeypatch):
-    looks = []
+    styles = []
 
     class Watched(evaluate.World):
         def __init__(self, **arguments):
-            looks.append(arguments["style"].name)
+            styles.append(arguments["style"].name)
             super().__init__(**arguments)
 
     monkeypatch.setattr(evaluate, "World", Watched)
     evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), looks.style("shadows"), range(1)))
-    assert looks == ["shadows"]
+    assert styles == ["shadows"]
     with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
         evaluate.evaluate(Measurement("expert", TASK, 1, world="mars"))
 

@@ -71,10 +71,10 @@ def test_a_method_from_outside_trains_acts_and_comes_back(demo_set, tmp_path):
     policy = method(config, model)
     policy.remember(demo_set[1])
     steps = list(policy.prepare(demo_set[1]))
-    before = policy.losses([steps[0][1]])
+    before = policy.losses(list(steps[0]))
     short = method(ToyConfig.from_dict(config.as_dict() | {"steps": 3}), model)
     train.train(short, steps, seed=0, run=tmp_path)
-    after = short.losses([steps[0][1]])
+    after = short.losses(list(steps[0]))
     assert after["pick"] != before["pick"]
     save_policy(short, tmp_path / "toy.safetensors", {})
     loaded = load_policy(tmp_path / "toy.safetensors", model)

@@ -41,7 +41,7 @@ UNPICTURED_PER_BATCH = 24
 LEARNING_RATE = 2e-3
 FILES = {
     "README.md", "calibration.json", "config.json", "model.safetensors", "preprocessor_config.json", "tokenizer.json",
-    "tokenizer_config.json",
+    "tokenizer_config.json", "words.json",
 }  # fmt: skip
 """The files of an embedded CLIP's folder."""
 

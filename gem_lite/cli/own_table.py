@@ -106,19 +106,19 @@ def look(
     maps = {phrase: gem.maps(scene, phrase) for phrase in phrases}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in phrases for name in ("text", "image")}
     fused = {phrase: maps[phrase].fused for phrase in phrases}
-    places = {phrase: places.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
+    best = {phrase: places.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
     refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
         "maps": plots.show_maps([(title, semantic) for title, semantic in parts.items() if semantic is not None]),
         "look": plot_own_table.show_look(
-            scene.heightmap, fused, places, action if isinstance(action, PickPlace) else None
+            scene.heightmap, fused, best, action if isinstance(action, PickPlace) else None
         ),
     }
     draw(figures, path(out, folder))
     content = {
         "text": text,
-        "places": {phrase: [dataclasses.asdict(place) for place in best] for phrase, best in places.items()},
+        "places": {phrase: [dataclasses.asdict(place) for place in of_phrase] for phrase, of_phrase in best.items()},
         "refusals": refusals,
         "action": None if action is None else dataclasses.asdict(action),
     }
