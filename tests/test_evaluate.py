@@ -13,6 +13,7 @@ from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
+from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 

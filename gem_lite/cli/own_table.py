@@ -126,8 +126,8 @@ def look(
     write_atomically(file, json.dumps(content, indent=1).encode())
     for reason in filter(None, refusals.values()):
         print(reason)
-    for phrase, best in places.items():
-        print(f'"{phrase}": ' + ", ".join(f"({p.x:.3f}, {p.y:.3f}) m {p.score:.2f}" for p in best))
+    for phrase, of_phrase in best.items():
+        print(f'"{phrase}": ' + ", ".join(f"({p.x:.3f}, {p.y:.3f}) m {p.score:.2f}" for p in of_phrase))
     if action is not None:
         print(action)
     print(f"wrote {file}")
