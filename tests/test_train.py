@@ -272,7 +272,7 @@ def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeyp
     asked = []
     honest = policy_module.collate
     monkeypatch.setattr(
-        policy_module, "collate", lambda several, device: asked.append(device) or honest(several, device)
+        policy_module, "collate", lambda several, *device: asked.extend(device) or honest(several, *device)
     )
     step = demonstrations_small[0].steps[0]
     policy.act(step.observation, step.instruction)
