@@ -113,7 +113,9 @@ class Measurement:
                 episode to skip, a task without several tables, or a method that cannot choose over them.
             FileNotFoundError: no such checkpoint.
         """
-        _ = self.parts, looks.style(self.world)
+        # Both refuse what is wrong; their results are made again where they are used.
+        workers.chunks(self.start, self.episodes, self.skip)
+        looks.style(self.world)
         if self.conditions:
             if self.tables < 1:
                 raise ValueError(f"tables must be at least 1, got {self.tables}")
