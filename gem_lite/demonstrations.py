@@ -3,7 +3,7 @@
 A set is a folder with one file for each episode and a manifest. The manifest is written last. It names every file with
 its SHA-256. The name of a file holds the beginning of its SHA-256, so the files of a new set never overwrite those of
 an old set. The old set stays complete until the new manifest is written. Only one process at a time writes into a
-folder (`gem_lite.files.writing`), and files that no manifest names are left alone.
+folder (`gem_lite.foundations.files.writing`), and files that no manifest names are left alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing_extensions import override
 
 from gem_lite import language
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
-from gem_lite.files import (
+from gem_lite.foundations.files import (
     FileSequence,
     as_number,
     as_text,
@@ -283,7 +283,7 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 
 
 def write_episode(folder: Path, number: int, demonstration: Demonstration) -> dict[str, str]:
-    """Write the file of an episode, inside `gem_lite.files.writing`. Returns the file's name and its SHA-256."""
+    """Write the file of an episode, inside `files.writing`. Returns the file's name and its SHA-256."""
     content = _encode(demonstration)
     digest = hashlib.sha256(content).hexdigest()
     name = f"episode-{number:04d}-{digest[:12]}.npz"
@@ -292,7 +292,7 @@ def write_episode(folder: Path, number: int, demonstration: Demonstration) -> di
 
 
 def write_manifest(folder: Path, facts: Mapping[str, object], files: Mapping[str, str]) -> None:
-    """Write the manifest of a set, inside `gem_lite.files.writing`: the ``facts`` about it, and its files' SHA-256."""
+    """Write the manifest of a set, inside `files.writing`: the ``facts`` about it, and its files' SHA-256."""
     manifest = {"schema": SCHEMA, **facts, "files": files}
     write_atomically(folder / "manifest.json", json.dumps(manifest, indent=1).encode())
 

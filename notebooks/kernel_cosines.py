@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from gem_lite.files import DATA
+from gem_lite.foundations.files import DATA
 from gem_lite.policies.gem import Gem
 
 PAIRS = DATA / "kernel_pairs.csv"

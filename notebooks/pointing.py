@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gem_lite import colors, language, tasks
+from gem_lite import language, tasks
+from gem_lite.foundations import colors
 from gem_lite.maps import semantic_map
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View

@@ -15,8 +15,8 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 import pytest  # noqa: E402
 from nbval.plugin import IPyNbCell  # noqa: E402
 
-from gem_lite import registry  # noqa: E402
 from gem_lite.evaluation import collecting  # noqa: E402
+from gem_lite.foundations import registry  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
 from gem_lite.tasks import Task  # noqa: E402
 

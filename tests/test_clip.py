@@ -13,9 +13,10 @@ from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
 from experiments.clip_tabletop import pretrain
-from gem_lite import clip, colors, tasks
+from gem_lite import clip, tasks
 from gem_lite.clip import calibration
 from gem_lite.evaluation import calibrating
+from gem_lite.foundations import colors
 from gem_lite.maps import patches, semantic_map
 
 

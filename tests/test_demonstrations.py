@@ -16,15 +16,16 @@ import cv2
 import numpy as np
 import pytest
 
-from gem_lite import clip, demonstrations, files, language, tasks
+from gem_lite import clip, demonstrations, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.demonstrations import DemonstrationSet, data_hash, load, read_manifest, save
 from gem_lite.evaluation import collecting
 from gem_lite.evaluation.collecting import collect
-from gem_lite.files import write_atomically
+from gem_lite.foundations import files
+from gem_lite.foundations.files import write_atomically
+from gem_lite.foundations.registry import Registry
 from gem_lite.policies.checkpoints import read_card
-from gem_lite.registry import Registry
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gem_lite import colors
 from gem_lite.actions import PickPlace, Push
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import effectors
 from gem_lite.simulation.bodies import shapes

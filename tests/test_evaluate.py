@@ -3,12 +3,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gem_lite import clip, colors, tasks
+from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.evaluation import actors, evaluate, results, workers
 from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.evaluation.results import Episode
+from gem_lite.foundations import colors
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE

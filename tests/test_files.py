@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gem_lite.actions import ExpertAction, PickPlace
-from gem_lite.files import as_number, read_json, write_atomically, write_together, writing
+from gem_lite.foundations.files import as_number, read_json, write_atomically, write_together, writing
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.recordings import Recording
@@ -21,7 +21,7 @@ from gem_lite.se2 import Pose2
 WRITER = """
 import sys
 from pathlib import Path
-from gem_lite.files import write_atomically
+from gem_lite.foundations.files import write_atomically
 path, letter = Path(sys.argv[1]), sys.argv[2].encode()
 for number in range(60):
     write_atomically(path, letter * (1000 + 500 * number))
@@ -206,7 +206,7 @@ def test_a_scene_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch)
 
 HOLDER = """
 import sys
-from gem_lite.files import writing
+from gem_lite.foundations.files import writing
 with writing(__import__("pathlib").Path(sys.argv[1])):
     print("in", flush=True)
     sys.stdin.read()
@@ -236,7 +236,7 @@ def test_a_second_process_is_refused_until_the_first_has_ended(tmp_path):
 COUNTER = """
 import sys, time
 from pathlib import Path
-from gem_lite.files import writing
+from gem_lite.foundations.files import writing
 folder = Path(sys.argv[1])
 count = 0
 while count < 100:

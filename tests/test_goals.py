@@ -8,11 +8,12 @@ import numpy as np
 import pybullet as p
 import pytest
 
-from gem_lite import colors, tasks
+from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import evaluate
 from gem_lite.evaluation.evaluate import Measurement
-from gem_lite.registry import Registry
+from gem_lite.foundations import colors
+from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import goals
 from gem_lite.simulation.bodies import shapes

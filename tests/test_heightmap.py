@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Pose2, Workspace

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from experiments.clip_tabletop import vocabulary
-from gem_lite import colors, language, tasks
+from gem_lite import language, tasks
+from gem_lite.foundations import colors
 from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
 from gem_lite.maps import location_words
 from gem_lite.simulation.bodies import objects, ropes, shapes

@@ -11,8 +11,9 @@ import pytest
 import shapely
 import torch
 
-from gem_lite import colors, steerable
+from gem_lite import steerable
 from gem_lite.actions import PickPlace
+from gem_lite.foundations import colors
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation.bodies import shapes

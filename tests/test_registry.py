@@ -5,11 +5,11 @@ import sys
 
 import pytest
 
-from gem_lite import registry
-from gem_lite.registry import Registry
+from gem_lite.foundations import registry
+from gem_lite.foundations.registry import Registry
 
 TOOL = """
-from gem_lite.registry import Registry
+from gem_lite.foundations.registry import Registry
 
 TOOLS = Registry("tool")
 

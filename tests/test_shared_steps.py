@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gem_lite import clip, demonstrations, registry
+from gem_lite import clip, demonstrations
 from gem_lite.cli import main
+from gem_lite.foundations import registry
 from gem_lite.policies import gem_config, methods
 from gem_lite.training import step_files
 

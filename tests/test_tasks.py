@@ -9,9 +9,10 @@ import pytest
 from shapely import affinity
 from shapely.geometry import Point
 
-from gem_lite import colors, language, tasks
+from gem_lite import language, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation import collecting
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import effectors
 from gem_lite.simulation.bodies import shapes, trays

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from shapely import affinity, contains_xy
 
-from gem_lite import colors
 from gem_lite.actions import PickPlace
+from gem_lite.foundations import colors
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import tiles

@@ -12,7 +12,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from gem_lite import clip, demonstrations, files
+from gem_lite import clip, demonstrations
+from gem_lite.foundations import files
 from gem_lite.policies import checkpoints
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -8,8 +8,9 @@ import numpy as np
 import pybullet as p
 import pytest
 
-from gem_lite import colors, tasks
+from gem_lite import tasks
 from gem_lite.actions import PickPlace
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes

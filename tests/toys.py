@@ -15,8 +15,9 @@ import torch
 from torch import nn
 from typing_extensions import override
 
-from gem_lite import colors, language, tasks
+from gem_lite import language, tasks
 from gem_lite.config import Config
+from gem_lite.foundations import colors
 from gem_lite.language import Queries, Query
 from gem_lite.maps import sources
 from gem_lite.policies import methods

@@ -15,7 +15,7 @@ from gem_lite.cli import base
 from gem_lite.drawing import plot_benchmark
 from gem_lite.evaluation import gallery as stories
 from gem_lite.evaluation import results, summaries
-from gem_lite.files import write_atomically
+from gem_lite.foundations.files import write_atomically
 from gem_lite.tasks import PAPER
 
 SCALED = ((10, 100), (10, 20, 100))

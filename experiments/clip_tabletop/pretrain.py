@@ -30,7 +30,7 @@ from gem_lite import clip
 from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
 from gem_lite.evaluation import calibrating
-from gem_lite.files import read_json
+from gem_lite.foundations.files import read_json
 from gem_lite.training import training_state
 
 SPECIAL = ("<pad>", "<bos>", "<unk>", "<eos>")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.simulation.bodies import objects, ropes, shapes, symbol_boxes, tiles
 
 COLORS: dict[str, tuple[str, ...]] = {

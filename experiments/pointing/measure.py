@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from gem_lite import clip, colors, demonstrations, language, tasks
+from gem_lite import clip, demonstrations, language, tasks
 from gem_lite.clip import Clip
 from gem_lite.evaluation import results, statistics, workers
 from gem_lite.evaluation.results import Episode
+from gem_lite.foundations import colors
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.maps.semantic_map import SceneEmbedding

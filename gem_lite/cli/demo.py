@@ -27,7 +27,7 @@ def demo(*, out: Path = Path("runs/demo")) -> None:
     import nbformat
     from nbclient import NotebookClient
 
-    from gem_lite.files import write_atomically
+    from gem_lite.foundations.files import write_atomically
 
     if not NOTEBOOK.exists():
         raise FileNotFoundError(f"the demo needs {NOTEBOOK}: run it in a clone of the repository")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from gem_lite.cli.base import Clip
-from gem_lite.files import DATA, write_atomically
+from gem_lite.foundations.files import DATA, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

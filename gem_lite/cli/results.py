@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gem_lite.files import DATA
+from gem_lite.foundations.files import DATA
 
 
 def list_(*, folder: Path = DATA / "results") -> None:

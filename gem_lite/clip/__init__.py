@@ -18,7 +18,7 @@ from gem_lite.clip import loading
 from gem_lite.clip.calibration import Calibration, read
 from gem_lite.clip.loading import Preprocessing
 from gem_lite.clip.resnet_clip import ResNetClip
-from gem_lite.files import DATA
+from gem_lite.foundations.files import DATA
 
 EMBEDDED = DATA / "clip-tabletop"
 ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"

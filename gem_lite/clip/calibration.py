@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gem_lite.files import DATA, read_json, write_atomically
+from gem_lite.foundations.files import DATA, read_json, write_atomically
 
 if TYPE_CHECKING:
     from gem_lite.clip import Clip

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from gem_lite import clip, colors, language, tasks
+from gem_lite import clip, language, tasks
 from gem_lite.clip.calibration import Calibration
+from gem_lite.foundations import colors
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.rgbd.camera import View

@@ -10,7 +10,7 @@ from gem_lite import demonstrations, tasks
 from gem_lite.demonstrations import Demonstration, DemonstrationSet, DemonstrationStep
 from gem_lite.evaluation import actors
 from gem_lite.evaluation.rollout import rollout
-from gem_lite.files import writing
+from gem_lite.foundations.files import writing
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.task import SOLVED

@@ -14,7 +14,7 @@ import filelock
 import numpy as np
 
 from gem_lite.evaluation import statistics
-from gem_lite.files import DATA, read_json, write_atomically
+from gem_lite.foundations.files import DATA, read_json, write_atomically
 
 if TYPE_CHECKING:
     from gem_lite.config import Config

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gem_lite import registry
+from gem_lite.foundations import registry
 
 CHUNK = 5
 """Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gem_lite.registry import Registry
+from gem_lite.foundations.registry import Registry
 
 
 @dataclass(frozen=True, eq=False)

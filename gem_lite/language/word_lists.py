@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 
 ALIGNING = "align"
 PUSHING = "push"

@@ -20,7 +20,7 @@ from gem_lite import language
 from gem_lite.actions import GripperState, Push
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.files import write_atomically
+from gem_lite.foundations.files import write_atomically
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from gem_lite import colors, language
+from gem_lite import language
 from gem_lite.clip import Clip
+from gem_lite.foundations import colors
 from gem_lite.language import Query
 from gem_lite.maps import location_words
 from gem_lite.maps.semantic_map import TEMPLATES, SceneEmbedding

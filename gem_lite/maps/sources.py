@@ -16,11 +16,11 @@ import numpy as np
 from typing_extensions import override
 
 from gem_lite.clip import Clip
+from gem_lite.foundations.registry import Registry
 from gem_lite.language import Query
 from gem_lite.maps import semantic_map
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
-from gem_lite.registry import Registry
 from gem_lite.rgbd.camera import Camera, View
 
 ViewEmbedding = TypeVar("ViewEmbedding")

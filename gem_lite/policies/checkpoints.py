@@ -14,7 +14,7 @@ import torch
 from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.config import Config
-from gem_lite.files import read_json, write_together
+from gem_lite.foundations.files import read_json, write_together
 from gem_lite.maps.crop_memory import CropMemory
 from gem_lite.policies import methods
 from gem_lite.policies.base import Policy

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 
 from gem_lite.config import Config
+from gem_lite.foundations.registry import Registry
 from gem_lite.policies.base import Policy
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.transporter import TransporterLan
-from gem_lite.registry import Registry
 
 METHODS: Registry[type[Policy]] = Registry("method")
 """Methods by their names, without ablations."""

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gem_lite.files import as_number, as_text, read_json, unchanged, write_together, writing
+from gem_lite.foundations.files import as_number, as_text, read_json, unchanged, write_together, writing
 from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, Matrix, View
 

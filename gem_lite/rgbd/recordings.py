@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from gem_lite.actions import ExpertAction, GripperState, PickPlace
-from gem_lite.files import as_number, as_text, read_json, unchanged, write_together, writing
+from gem_lite.foundations.files import as_number, as_text, read_json, unchanged, write_together, writing
 from gem_lite.rgbd.observation import DEPTH_SCALE, Observation
 from gem_lite.se2 import Pose2
 

@@ -17,7 +17,7 @@ import pybullet as p
 from typing_extensions import override
 
 from gem_lite.actions import Action, PickPlace, Push
-from gem_lite.registry import Registry
+from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2, wrap
 from gem_lite.simulation.floating_tool import CLEARANCE, PARKED, STRIDE, FloatingTool, planar
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gem_lite import colors
-from gem_lite.registry import Registry
+from gem_lite.foundations import colors
+from gem_lite.foundations.registry import Registry
 from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
 from gem_lite.simulation.rendering import LIGHT, Light
 

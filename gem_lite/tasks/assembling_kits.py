@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from typing_extensions import override
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import kits, shapes
 from gem_lite.simulation.environment import Environment

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from typing_extensions import override
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import objects, symbol_boxes, trays
 from gem_lite.simulation.bodies.shapes import Body

@@ -17,8 +17,8 @@ from shapely import affinity
 from shapely.geometry import MultiPoint, Polygon
 from typing_extensions import override
 
-from gem_lite import colors
 from gem_lite.actions import ExpertAction
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation.bodies import objects
 from gem_lite.simulation.bodies.shapes import Body

@@ -10,7 +10,7 @@ from shapely.geometry import Point
 from shapely.ops import nearest_points
 from typing_extensions import override
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment

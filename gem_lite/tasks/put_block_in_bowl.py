@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 from typing_extensions import override
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.goals import Goal, PoseMetric

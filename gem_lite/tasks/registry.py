@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from gem_lite.registry import Registry
+from gem_lite.foundations.registry import Registry
 from gem_lite.simulation.task import Split, Task
 
 T = TypeVar("T", bound=type[Task])

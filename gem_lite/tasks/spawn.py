@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import trays
 from gem_lite.simulation.bodies.shapes import Body

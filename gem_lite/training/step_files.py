@@ -26,8 +26,8 @@ import safetensors.torch
 import torch
 from typing_extensions import override
 
-from gem_lite import files, registry
 from gem_lite.demonstrations import DemonstrationSet
+from gem_lite.foundations import files, registry
 from gem_lite.policies.base import Policy
 from gem_lite.policies.inputs import PreparedStep, Sample
 from gem_lite.training.mixture import Joined

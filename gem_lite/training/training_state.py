@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from gem_lite.files import write_atomically
+from gem_lite.foundations.files import write_atomically
 
 STATE_FILE = "state.pt"
 

@@ -10,8 +10,9 @@ import pytest
 from shapely.geometry import Point
 
 from experiments.pointing import measure
-from gem_lite import clip, colors, tasks
+from gem_lite import clip, tasks
 from gem_lite.evaluation import calibrating, results
+from gem_lite.foundations import colors
 from gem_lite.maps import crop_memory
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.gem_config import LITE

@@ -7,7 +7,7 @@ from functools import cache
 
 import trimesh
 
-from gem_lite import colors
+from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
