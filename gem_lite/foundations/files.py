@@ -27,7 +27,7 @@ def data_folder(package: Path) -> Path:
     return checkout if (checkout / "clip-tabletop").is_dir() else package.parent / "gem_lite_data"
 
 
-DATA = data_folder(Path(__file__).resolve().parent)
+DATA = data_folder(Path(__file__).resolve().parent.parent)
 """Models, demonstrations and results."""
 
 
