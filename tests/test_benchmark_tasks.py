@@ -4,15 +4,15 @@ import math
 from dataclasses import replace
 from functools import partial
 
+import gallery
 import numpy as np
 import pybullet as p
 import pytest
+from drawings import plot_benchmark
 from test_tasks import lay_out
 
 from gem_lite import language, tasks
 from gem_lite.actions import PickPlace, Push
-from gem_lite.drawing import plot_benchmark
-from gem_lite.evaluation import gallery
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation.bodies import kits, objects, piles, ropes, shapes, stands

@@ -3,17 +3,17 @@
 import math
 from pathlib import Path
 
+import foreign_world
 import numpy as np
 import pytest
+from foreign_world import tables
+from foreign_world import world as acting
+from foreign_world.tables import Scene, Thing, random_scene
 
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation, read_raw
 from gem_lite.se2 import Workspace, wrap
-from notebooks import foreign_world
-from notebooks.foreign_world import tables
-from notebooks.foreign_world import world as acting
-from notebooks.foreign_world.tables import Scene, Thing, random_scene
 
 BLOCK, BOWL = (0.40, -0.25), (0.50, 0.20)
 PLAIN = Scene((0.36, 0.30, 0.24), (0.2, 0.5, 1.6), (

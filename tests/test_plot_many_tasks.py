@@ -3,8 +3,9 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from drawings import plot_many_tasks
-from drawings.plot_many_tasks import Retrieval, Table
+from drawings import plot_many_tasks, plot_panels
+from drawings.plot_many_tasks import Retrieval
+from drawings.plot_panels import Panel
 
 from gem_lite.actions import PickPlace, Push
 from gem_lite.se2 import Pose2, Workspace
@@ -22,10 +23,10 @@ def close():
     plt.close("all")
 
 
-def test_tables_have_a_title_a_sentence_and_an_action():
-    acting = Table("bowls", "put the red block in a bowl", PICTURE, PickPlace(POSE, OTHER), "one")
-    pushing = Table("piles", "push it", PICTURE, Push(POSE, OTHER))
-    fig = plot_many_tasks.show_tables([acting, pushing, Table("bare", "nothing", PICTURE)], W, columns=2)
+def test_panels_have_a_title_a_sentence_and_an_action():
+    acting = Panel("bowls", "put the red block in a bowl", PICTURE, PickPlace(POSE, OTHER), "one")
+    pushing = Panel("piles", "push it", PICTURE, Push(POSE, OTHER))
+    fig = plot_panels.show_panels([acting, pushing, Panel("bare", "nothing", PICTURE)], W, columns=2)
     first, second, third, empty = fig.axes
     assert first.get_title().startswith('bowls\n"put the red block') and first.get_xlabel() == "one"
     row, col = (float(values.mean()) for values in reversed(first.lines[0].get_data()))
@@ -36,8 +37,8 @@ def test_tables_have_a_title_a_sentence_and_an_action():
 
 
 def test_titles_have_the_same_number_of_lines_so_that_pictures_stand_in_a_row():
-    short, long = Table("a", "go", PICTURE), Table("b", "put the red block in the yellow bowl on the left", PICTURE)
-    titles = [ax.get_title() for ax in plot_many_tasks.show_tables([short, long], W).axes[:2]]
+    short, long = Panel("a", "go", PICTURE), Panel("b", "put the red block in the yellow bowl on the left", PICTURE)
+    titles = [ax.get_title() for ax in plot_panels.show_panels([short, long], W).axes[:2]]
     assert titles[0].count("\n") == titles[1].count("\n")
 
 

@@ -4,6 +4,7 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import whole_benchmark
 from drawings import plot_scores
 
 from gem_lite import tasks
@@ -194,7 +195,7 @@ def layout(world, task, index):
 def test_variants_of_a_family_share_layouts_and_families_do_not(world):
     layouts = {task: layout(world, task, 3) for task in tasks.PAPER}
     same = {pair for pair in itertools.combinations(tasks.PAPER, 2) if layouts[pair[0]] == layouts[pair[1]]}
-    pairs = summaries.seen_and_unseen(tasks.PAPER)
+    pairs = whole_benchmark.seen_and_unseen(tasks.PAPER)
     assert same == {pair for pair in pairs if "google" not in pair[0]} and len(same) == 6
     assert all(tasks.family(seen) == tasks.family(unseen) for seen, unseen in pairs)
     # The everyday objects of both variants are others, around a box that is the same.
@@ -208,7 +209,7 @@ def test_every_row_finds_its_table():
     ]  # fmt: skip
     tables = {
         name: {(one["method"], one["task"], one["demos"], one["seed"]) for one in chosen}
-        for name, chosen in summaries.table_rows(rows).items()
+        for name, chosen in whole_benchmark.table_rows(rows).items()
     }
     assert tables == {
         "table-1": {
@@ -222,7 +223,7 @@ def test_every_row_finds_its_table():
 
 
 def test_seen_and_unseen_are_paired():
-    pairs = summaries.seen_and_unseen(tasks.PAPER)
+    pairs = whole_benchmark.seen_and_unseen(tasks.PAPER)
     assert len(pairs) == 8  # align-rope and packing-shapes-unseen have no partner
     assert ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors") in pairs
     assert ("packing-google-objects-seq-seen", "packing-google-objects-seq-unseen") in pairs
@@ -235,7 +236,7 @@ def test_a_rival_is_better_if_its_paired_difference_is_wholly_above():
         "same": own,
         "a little": summaries.scores([row("y", "a", [0.0] * 19 + [1.0] * 11)], "y", 10)["a"],
     }
-    assert summaries.better_rivals(own, rivals) == ["better"]
+    assert whole_benchmark.better_rivals(own, rivals) == ["better"]
 
 
 def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():

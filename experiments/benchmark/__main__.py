@@ -5,15 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import gallery as stories
+import whole_benchmark
 import yaml
+from drawings import plot_benchmark
 from tqdm import tqdm
 
 from experiments.benchmark import page as results_page
 from experiments.benchmark import plan, scaling
 from experiments.benchmark.tables import arranged, markdown
 from gem_lite.cli import base
-from gem_lite.drawing import plot_benchmark
-from gem_lite.evaluation import gallery as stories
 from gem_lite.evaluation import results, summaries
 from gem_lite.foundations.files import write_atomically
 from gem_lite.tasks import PAPER
@@ -57,7 +58,7 @@ def tables(folder: Path, /) -> None:
     if not rows:
         raise ValueError("no rows are filed: measure some with the Snakefile")
     folder.mkdir(parents=True, exist_ok=True)
-    for name, chosen in summaries.table_rows(rows).items():
+    for name, chosen in whole_benchmark.table_rows(rows).items():
         table = arranged(chosen)
         measured = {task for column in table.values() for task in column}
         names = [task for task in (*PAPER, *plan.OURS) if task in measured]

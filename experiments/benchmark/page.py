@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+from whole_benchmark import seen_and_unseen, table_rows
+
 from experiments.benchmark import single_tables
 from experiments.benchmark.checks import check_checkpoints
 from experiments.benchmark.plan import OURS
@@ -17,8 +19,6 @@ from gem_lite.evaluation.summaries import (
     mean_difference,
     mean_over_tasks,
     scores,
-    seen_and_unseen,
-    table_rows,
     weighted_sum,
 )
 from gem_lite.tasks import PAPER

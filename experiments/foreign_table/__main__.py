@@ -19,6 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from foreign_world import TEST_SEEDS, TRAIN_SEEDS, ForeignWorld
+from foreign_world.tables import KINDS, LOOKS, NAMED, random_scene
 from tqdm import tqdm
 
 from experiments.foreign_table import make_scenes
@@ -34,8 +36,6 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
-from notebooks.foreign_world import TEST_SEEDS, TRAIN_SEEDS, ForeignWorld
-from notebooks.foreign_world.tables import KINDS, LOOKS, NAMED, random_scene
 
 FILE = results.RUNS / "own-table.jsonl"
 """Rows go here without --out; those that are published are in data/results."""

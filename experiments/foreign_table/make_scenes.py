@@ -9,8 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from notebooks.foreign_world import tables
+from foreign_world import tables
 
 import mujoco  # isort: skip  # after foreign_world, which chooses its renderer
 

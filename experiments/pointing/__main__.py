@@ -6,11 +6,12 @@ import argparse
 import sys
 from pathlib import Path
 
+from pointing import KINDS
+
 from experiments.pointing.measure import PACKING, measure_packing, measure_scenes
 from gem_lite import tasks
 from gem_lite.cli.results import described_pointing
 from gem_lite.evaluation import results
-from notebooks.pointing import KINDS
 
 
 def main() -> None:

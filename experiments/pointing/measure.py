@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from pointing import MATCHED, NEAR, WIDE, Pointing, Scene, lay_out, lay_out_shapes, point, scene_of
 from tqdm import tqdm
 
 from gem_lite import clip, demonstrations, language, tasks
@@ -22,7 +23,6 @@ from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.simulation.world import World
-from notebooks.pointing import MATCHED, NEAR, WIDE, Pointing, Scene, lay_out, lay_out_shapes, point, scene_of
 
 MAPS = ("fused", WIDE, "single-view", MATCHED, "image", "blended")
 """The text-conditioned maps of three views (the configuration's patches, and `WIDE`) and of the height map alone (its

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 
 from gem_lite.actions import PickPlace
-from gem_lite.policies.gem import Decision
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix
@@ -117,52 +116,6 @@ def draw_zoom(
     ax.indicate_inset_zoom(inset, edgecolor="white", alpha=0.8)
 
 
-def show_decision(decision: Decision, clip_name: str) -> Figure:
-    """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
-    w = decision.heightmap.workspace
-    fig, axes = plt.subplots(2, 5, figsize=(10.5, 8.4), layout="constrained")
-    rows = (
-        ("pick", decision.queries.pick, decision.pick_text, decision.pick_image, decision.pick_map,
-         decision.pick_logits, decision.action.pick, PICK_COLOR),
-        ("place", decision.queries.place, decision.place_text, decision.place_image, decision.place_map,
-         decision.place_logits, decision.action.place, PLACE_COLOR),
-    )  # fmt: skip
-    for axs, (role, phrase, text, image, blend, logits, pose, color) in zip(axes, rows, strict=True):
-        bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
-        bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
-        if image is None:
-            bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
-            axs[2].text(
-                0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
-            )
-        else:
-            bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
-        map_image = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
-        action_image = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
-        draw_gripper(axs[0], pose, w, color)
-        row, col = w.to_pixel(pose.x, pose.y)
-        axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
-        for ax in (axs[0], axs[4]):
-            ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
-        fig.colorbar(map_image, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
-        fig.colorbar(action_image, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
-    fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
-    return fig
-
-
-def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
-    """The logits of every angle at one pixel, measured from the lowest, on a circle of directions on the table."""
-    angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
-    values = logits[:, cell[1], cell[2]]
-    values = np.append(values, values[0]) - values.min()
-    fig, ax = plt.subplots(figsize=(3, 3), subplot_kw={"projection": "polar"}, layout="constrained")
-    ax.plot(angles, values, color=color)
-    ax.plot([angles[cell[0]]] * 2, [0, values.max()], color=color, lw=3, alpha=0.4)
-    ax.set_yticklabels([])
-    ax.set_title(title, fontsize=9)
-    return fig
-
-
 def show_story(pictures: Sequence[tuple[str, np.ndarray]], suptitle: str = "") -> Figure:
     """A row of pictures (H, W, 3) with their titles."""
     widths = [picture.shape[1] / picture.shape[0] for _, picture in pictures]
@@ -172,24 +125,6 @@ def show_story(pictures: Sequence[tuple[str, np.ndarray]], suptitle: str = "") -
     for ax, (title, picture) in zip(np.atleast_1d(axes), pictures, strict=True):
         bare(ax, title).imshow(picture)
     fig.suptitle(suptitle, fontsize=10)
-    return fig
-
-
-def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> Figure:
-    """A still picture of a coloured point cloud (N, 3), (N, 3) uint8, with a frame at each named pose."""
-    fig = plt.figure(figsize=(8, 5.6), layout="constrained")
-    ax = fig.add_subplot(projection="3d", computed_zorder=False)
-    ax.scatter(*points.T, c=rgb / 255, s=1.2, depthshade=False, rasterized=True)
-    for name, pose in frames.items():
-        origin = np.array([pose.x, pose.y, 0.12])
-        for turn, color in ((0, SAFE_COLORS[5]), (np.pi / 2, SAFE_COLORS[4])):
-            arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
-            ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
-        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color=SAFE_COLORS[0], lw=2.5, zorder=2)
-        ax.text(pose.x, pose.y, 0.19, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
-    ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
-    ax.set_box_aspect((0.5, 1.0, 0.25))
-    ax.view_init(elev=40, azim=-30)
     return fig
 
 
@@ -204,21 +139,6 @@ def show_tables(tables: Sequence[tuple[str, np.ndarray]]) -> Figure:
         bare(ax, title).imshow(table, cmap="Blues", vmin=table.min(), vmax=2 * table.max() - table.min())
         for (row, col), value in np.ndenumerate(table):
             ax.text(col, row, f"{value:.3g}", ha="center", va="center", fontsize=9)
-    return fig
-
-
-def show_patches(patches: np.ndarray, scores: np.ndarray, title: str) -> Figure:
-    """Patches (m, n, p, p, 3) in their order, each framed in the colour of its score (m, n) in [0, 1]."""
-    rows, cols = scores.shape
-    fig, axes = plt.subplots(rows, cols, figsize=(0.95 * cols + 0.9, 1.12 * rows + 0.4), layout="constrained")
-    shade = plt.get_cmap(MAP_COLORS)
-    for ax, patch, score in zip(axes.flat, patches.reshape(-1, *patches.shape[2:]), scores.flat, strict=True):
-        bare(ax, f"{score:.2f}").imshow(patch)
-        for edge in ax.spines.values():
-            edge.set(color=shade(float(np.clip(score, 0, 1))), linewidth=3)
-    scale = plt.cm.ScalarMappable(plt.Normalize(0, 1), MAP_COLORS)
-    fig.colorbar(scale, ax=axes, label="cosine (the frames)", shrink=0.8)
-    fig.suptitle(title, fontsize=10)
     return fig
 
 
@@ -237,36 +157,6 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
     if map_image is not None:
         fig.colorbar(map_image, ax=axes, shrink=0.8)
     fig.suptitle(suptitle, fontsize=10)
-    return fig
-
-
-def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
-                title: str) -> Figure:  # fmt: skip
-    """Panel (b) of Figure 2: the views with their maps (NaN: outside the workspace), and both fused from above."""
-    fig = plt.figure(figsize=(12, 4.8), layout="constrained")
-    grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
-    for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
-        bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
-        ax = bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
-        ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
-        ax.set_facecolor("0.7")
-    bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
-    ax = bare(fig.add_subplot(grid[:, -1]), "fused: map")
-    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
-    fig.suptitle(title, fontsize=10)
-    return fig
-
-
-def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
-    """Values of named groups as dots, side by side, with each group's mean as a bar."""
-    fig, ax = plt.subplots(figsize=(1.9 * len(groups) + 1, 3.4), layout="constrained")
-    for column, values in enumerate(groups.values()):
-        spread = np.linspace(-0.14, 0.14, len(values))
-        ax.plot(column + spread, values, "o", ms=4, alpha=0.6, color="C0")
-        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color=SAFE_COLORS[5], lw=2.5)
-    ax.set_xticks(range(len(groups)), groups)
-    ax.set_ylabel(label)
-    ax.grid(axis="y", alpha=0.3)
     return fig
 
 

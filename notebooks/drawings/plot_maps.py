@@ -1,4 +1,4 @@
-"""Drawings of lesson 02: a small CLIP in training, the scale of scores, votes of cameras, where a map points."""
+"""Drawings of lesson 02: a small CLIP in training, scores of patches, votes of cameras, where a map points."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, SAFE_COLORS, bare
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
 
 SIGNED = "PuOr_r"
 """Cosines have both signs: orange is positive, purple negative, white 0."""
@@ -182,4 +184,49 @@ def show_rates(panels: dict[str, dict[str, dict[str, dict]]], limit: float) -> F
         ax.grid(alpha=0.3)
     axes[0, 0].invert_yaxis()
     fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    return fig
+
+
+def show_patches(patches: np.ndarray, scores: np.ndarray, title: str) -> Figure:
+    """Patches (m, n, p, p, 3) in their order, each framed in the colour of its score (m, n) in [0, 1]."""
+    rows, cols = scores.shape
+    fig, axes = plt.subplots(rows, cols, figsize=(0.95 * cols + 0.9, 1.12 * rows + 0.4), layout="constrained")
+    shade = plt.get_cmap(MAP_COLORS)
+    for ax, patch, score in zip(axes.flat, patches.reshape(-1, *patches.shape[2:]), scores.flat, strict=True):
+        bare(ax, f"{score:.2f}").imshow(patch)
+        for edge in ax.spines.values():
+            edge.set(color=shade(float(np.clip(score, 0, 1))), linewidth=3)
+    scale = plt.cm.ScalarMappable(plt.Normalize(0, 1), MAP_COLORS)
+    fig.colorbar(scale, ax=axes, label="cosine (the frames)", shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: HeightMap, fused: np.ndarray,
+                title: str) -> Figure:  # fmt: skip
+    """Panel (b) of Figure 2: the views with their maps (NaN: outside the workspace), and both fused from above."""
+    fig = plt.figure(figsize=(12, 4.8), layout="constrained")
+    grid = fig.add_gridspec(2, len(views) + 2, width_ratios=[4 / 3] * len(views) + [1, 1])
+    for column, (view, semantic) in enumerate(zip(views, maps, strict=True)):
+        bare(fig.add_subplot(grid[0, column]), view.camera.name).imshow(view.rgb)
+        ax = bare(fig.add_subplot(grid[1, column]), f"{view.camera.name}: map")
+        ax.imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        ax.set_facecolor("0.7")
+    bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
+    ax = bare(fig.add_subplot(grid[:, -1]), "fused: map")
+    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_groups(groups: dict[str, np.ndarray], label: str) -> Figure:
+    """Values of named groups as dots, side by side, with each group's mean as a bar."""
+    fig, ax = plt.subplots(figsize=(1.9 * len(groups) + 1, 3.4), layout="constrained")
+    for column, values in enumerate(groups.values()):
+        spread = np.linspace(-0.14, 0.14, len(values))
+        ax.plot(column + spread, values, "o", ms=4, alpha=0.6, color="C0")
+        ax.plot([column - 0.22, column + 0.22], [np.mean(values)] * 2, color=SAFE_COLORS[5], lw=2.5)
+    ax.set_xticks(range(len(groups)), groups)
+    ax.set_ylabel(label)
+    ax.grid(axis="y", alpha=0.3)
     return fig

@@ -10,7 +10,16 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, action_map, bare, draw_gripper, draw_zoom
+from gem_lite.drawing.plots import (
+    MAP_COLORS,
+    PICK_COLOR,
+    PLACE_COLOR,
+    SAFE_COLORS,
+    action_map,
+    bare,
+    draw_gripper,
+    draw_zoom,
+)
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choices import TablesChoice
 from gem_lite.policies.several_tables import stitch
@@ -167,4 +176,22 @@ def show_widths(widths: dict[str, float], scores: dict[str, Score], named: Seque
             ax.annotate(name, (x, score.mean), (4, -11), textcoords="offset points", fontsize=8)
     ax.set(xlabel="narrow side of the object (mm)", ylabel="success (0-100)")
     fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def show_points(points: np.ndarray, rgb: np.ndarray, frames: dict[str, Pose2]) -> Figure:
+    """A still picture of a coloured point cloud (N, 3), (N, 3) uint8, with a frame at each named pose."""
+    fig = plt.figure(figsize=(8, 5.6), layout="constrained")
+    ax = fig.add_subplot(projection="3d", computed_zorder=False)
+    ax.scatter(*points.T, c=rgb / 255, s=1.2, depthshade=False, rasterized=True)
+    for name, pose in frames.items():
+        origin = np.array([pose.x, pose.y, 0.12])
+        for turn, color in ((0, SAFE_COLORS[5]), (np.pi / 2, SAFE_COLORS[4])):
+            arrow = 0.08 * np.array([np.cos(pose.yaw + turn), np.sin(pose.yaw + turn), 0])
+            ax.plot(*np.stack([origin, origin + arrow]).T, color=color, lw=2.5, zorder=3)
+        ax.plot(*np.stack([origin, [pose.x, pose.y, 0.0]]).T, color=SAFE_COLORS[0], lw=2.5, zorder=2)
+        ax.text(pose.x, pose.y, 0.19, name, zorder=4, color="white", bbox={"color": "black", "pad": 1.5})
+    ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", zlim=(0, 0.25), zticks=[0, 0.1, 0.2])
+    ax.set_box_aspect((0.5, 1.0, 0.25))
+    ax.view_init(elev=40, azim=-30)
     return fig

@@ -1,4 +1,4 @@
-"""Drawings of the quickstart: how one bowl is chosen among many, answers to sentences, and a film of an episode."""
+"""Drawings of the quickstart: a decision, one bowl chosen among many, answers to sentences, a film of an episode."""
 
 from __future__ import annotations
 
@@ -38,6 +38,52 @@ FRAME_SIZE = 656, 270
 """Width and height of a film's frame (pixels)."""
 SCREEN = slice(47, 261), slice(9, 295)
 """The rows and columns of a frame that show the camera's picture."""
+
+
+def show_decision(decision: Decision, clip_name: str) -> Figure:
+    """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
+    w = decision.heightmap.workspace
+    fig, axes = plt.subplots(2, 5, figsize=(10.5, 8.4), layout="constrained")
+    rows = (
+        ("pick", decision.queries.pick, decision.pick_text, decision.pick_image, decision.pick_map,
+         decision.pick_logits, decision.action.pick, PICK_COLOR),
+        ("place", decision.queries.place, decision.place_text, decision.place_image, decision.place_map,
+         decision.place_logits, decision.action.place, PLACE_COLOR),
+    )  # fmt: skip
+    for axs, (role, phrase, text, image, blend, logits, pose, color) in zip(axes, rows, strict=True):
+        bare(axs[0], f'{role}: "{phrase}"').imshow(decision.heightmap.rgb)
+        bare(axs[1], "text-conditioned map").imshow(text, cmap=MAP_COLORS, vmin=0, vmax=1)
+        if image is None:
+            bare(axs[2], "image-conditioned map").imshow(np.ones((*w.shape, 3)))
+            axs[2].text(
+                0.5, 0.5, "None\n(no crop of a\nsimilar phrase)", ha="center", va="center", transform=axs[2].transAxes
+            )
+        else:
+            bare(axs[2], "image-conditioned map").imshow(image, cmap=MAP_COLORS, vmin=0, vmax=1)
+        map_image = bare(axs[3], "blend (Eq. 4)").imshow(blend, cmap=MAP_COLORS, vmin=0, vmax=1)
+        action_image = bare(axs[4], "action map, best angle").imshow(action_map(logits), cmap="viridis")
+        draw_gripper(axs[0], pose, w, color)
+        row, col = w.to_pixel(pose.x, pose.y)
+        axs[4].plot(col, row, "o", ms=11, mfc="none", mec=color, mew=1.5)
+        for ax in (axs[0], axs[4]):
+            ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
+        fig.colorbar(map_image, ax=axs[3], location="bottom", shrink=0.9, label="0: typical cell, 1: typical match")
+        fig.colorbar(action_image, ax=axs[4], location="bottom", shrink=0.9, label="logit - best logit")
+    fig.suptitle(f'"{decision.instruction}"   (maps by {clip_name})', fontsize=11)
+    return fig
+
+
+def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, title: str) -> Figure:
+    """The logits of every angle at one pixel, measured from the lowest, on a circle of directions on the table."""
+    angles = 2 * np.pi * np.arange(len(logits) + 1) / len(logits)
+    values = logits[:, cell[1], cell[2]]
+    values = np.append(values, values[0]) - values.min()
+    fig, ax = plt.subplots(figsize=(3, 3), subplot_kw={"projection": "polar"}, layout="constrained")
+    ax.plot(angles, values, color=color)
+    ax.plot([angles[cell[0]]] * 2, [0, values.max()], color=color, lw=3, alpha=0.4)
+    ax.set_yticklabels([])
+    ax.set_title(title, fontsize=9)
+    return fig
 
 
 def show_lead(logits: np.ndarray, things: Sequence[tuple[str, float, float]]) -> Figure:

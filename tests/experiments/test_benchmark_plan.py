@@ -9,6 +9,7 @@ from pathlib import Path
 
 import filelock
 import pytest
+import whole_benchmark
 import yaml
 
 from experiments.benchmark import __main__ as commands
@@ -193,7 +194,7 @@ def test_a_row_of_another_world_has_no_place_in_a_table(whole):
     assert {"white-floor", "shadows", "touching"} <= {cell.world for cell in cells}
     at_home = dataclasses.replace(cells[0], world="home")
     rows = [row_of(cells[0]), row_of(at_home)]
-    assert summaries.table_rows(rows)["table-1"] == rows[1:]
+    assert whole_benchmark.table_rows(rows)["table-1"] == rows[1:]
     assert summaries.scores(rows[:1], "gem", 10) == {}
     assert set(summaries.scores(rows, "gem", 10, world=cells[0].world)) == {cells[0].task}
 

@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pointing
 import pytest
+from pointing import Pointing, lay_out, point
 from shapely.geometry import Point
 
 from experiments.pointing import measure
@@ -19,8 +21,6 @@ from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from notebooks import pointing
-from notebooks.pointing import Pointing, lay_out, point
 
 SEED = tasks.episode_seed("val", 900_000)
 

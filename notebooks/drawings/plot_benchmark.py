@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from gallery import ExpertStory
 from matplotlib.figure import Figure
 
 from gem_lite.drawing.plots import MAP_COLORS, bare
-from gem_lite.evaluation.gallery import ExpertStory
 
 TABLE_PART = np.s_[150:, :]
 """The part of the front camera's picture that shows the table."""
