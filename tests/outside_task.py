@@ -7,8 +7,8 @@ import numpy as np
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.goals import Goal, ZoneMetric
 from gem_lite.tasks import Task, register
+from gem_lite.tasks.goals import Goal, ZoneMetric
 
 RED = (1.0, 0.34, 0.35, 1.0)
 CUBES = 6

@@ -16,8 +16,8 @@ from gem_lite.actions import PickPlace, Push
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation.bodies import kits, objects, piles, ropes, shapes, stands
-from gem_lite.simulation.goals import VolumeMetric
 from gem_lite.tasks import assembling_kits, packing_box_pairs, packing_objects, spawn
+from gem_lite.tasks.goals import VolumeMetric
 
 NEW = [name for name in tasks.PAPER if not name.startswith(("packing-shapes", "put-block", "stack-block"))]
 ROPE, KITS, PAIRS = "align-rope", "assembling-kits-seq-seen-colors", "packing-box-pairs-seen-colors"

@@ -6,7 +6,7 @@ from gem_lite import tasks
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation import actors, evaluate
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import finding_tables
+from gem_lite.simulation import mobile_world
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 from gem_lite.simulation.world import World
 
@@ -16,7 +16,7 @@ BOWL = "put-block-in-bowl-seen-colors"
 @pytest.fixture(scope="module", params=[0, 1, 2], ids=["World", "one table", "two tables"])
 def environment(request):
     tables = request.param
-    made = MobileWorld(side_by_side(tables), find=finding_tables.ask_simulator) if tables else World()
+    made = MobileWorld(side_by_side(tables), find=mobile_world.ask_simulator) if tables else World()
     with made:
         yield made
 

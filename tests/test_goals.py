@@ -15,12 +15,11 @@ from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.foundations import colors
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import goals
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
 from gem_lite.simulation.world import World
-from gem_lite.tasks import Task
+from gem_lite.tasks import Task, goals
 from gem_lite.tasks import registry as task_registry
+from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
 
 SPOTS = (Pose2(0.4, 0.2, 0.3), Pose2(0.4, -0.2, 0.3))
 PLACES = (Pose2(0.6, 0.1, 1.0), Pose2(0.6, -0.1, 1.0))

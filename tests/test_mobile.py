@@ -16,14 +16,14 @@ from gem_lite.policies.transporter import TransporterLan
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
-from gem_lite.simulation import finding_tables, looks
+from gem_lite.simulation import looks, mobile_world
 from gem_lite.simulation.bodies import shapes, tag_plates
-from gem_lite.simulation.goals import Goal, PoseMetric
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World
 from gem_lite.steerable import SteerableKernel
 from gem_lite.steerable.correlation import correlate
 from gem_lite.tasks import Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 
 MOBILE = LITE.on_table(1.06)
 TABLES = (Pose2(0.0, 0.0), Pose2(2.0, 1.8, 2.1))
@@ -247,8 +247,8 @@ def test_an_error_of_the_estimate_moves_the_act(world, monkeypatch):
         block, start = world.task.blocks[0], inside(world, world.task.blocks[0], 0)
 
         def find(world, table):
-            shifted = finding_tables.disturbed(finding_tables.ask_simulator, Pose2(0.0, 0.015))
-            return (shifted if table in wrong_tables else finding_tables.ask_simulator)(world, table)
+            shifted = mobile_world.disturbed(mobile_world.ask_simulator, Pose2(0.0, 0.015))
+            return (shifted if table in wrong_tables else mobile_world.ask_simulator)(world, table)
 
         place = Pose2(0.5, -0.2, Blocks.grasp.yaw)
         monkeypatch.setattr(world, "find", find)
@@ -268,7 +268,7 @@ def test_outside_a_table_is_refused_before_anything_moves(world):
         world.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.6), 0, 1))
     with pytest.raises(ValueError, match=r"action\.place_table must be in \[0, 2\), got 2"):
         world.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.1), 0, 2))
-    assert not world.effector.trace
+    assert not world.trace
 
 
 # Localisation
@@ -279,7 +279,7 @@ def errors(world, looks):
     w, away, turned = world.workspace, [], []
     grid = [(x, y) for x in np.linspace(w.x_min, w.x_max, 4) for y in np.linspace(w.y_min, w.y_max, 7)]
     for number in range(looks):
-        estimate, true = finding_tables.localise(world, number % 2), world.true_table(number % 2)
+        estimate, true = mobile_world.localise(world, number % 2), world.true_table(number % 2)
         for x, y in grid:
             one, other = estimate @ Pose2(x, y), true @ Pose2(x, y)
             away.append(math.hypot(one.x - other.x, one.y - other.y))
@@ -328,8 +328,8 @@ def test_a_half_hidden_tag_does_not_count(world):
     at = world.tables[0] @ world.tag @ Pose2(0.0, 0.05)
     shapes.add_box(world.client, (0.16, 0.06, 0.01), (0.3, 0.3, 0.3, 1), at, movable=False)
     with pytest.raises(tags.LocalisationError, match=r"table 0 cannot be localised.*15 cm aside.*no tag at all"):
-        finding_tables.localise(world, 0)
-    assert finding_tables.localise(world, 1)
+        mobile_world.localise(world, 0)
+    assert mobile_world.localise(world, 1)
 
 
 def test_a_second_look_from_elsewhere(world, monkeypatch):
@@ -344,7 +344,7 @@ def test_a_second_look_from_elsewhere(world, monkeypatch):
         return view
 
     monkeypatch.setattr(world, "look", first_blind)
-    estimate = finding_tables.localise(world, 0)
+    estimate = mobile_world.localise(world, 0)
     assert blind and abs((world.tables[0].inverse() @ world.base).y) > 0.08
     assert math.hypot(estimate.x - world.true_table(0).x, estimate.y - world.true_table(0).y) < 0.005
 
@@ -369,7 +369,7 @@ def test_tags_have_numbers(world):
 
 @pytest.fixture(scope="module")
 def two_tables():
-    with MobileWorld(side_by_side(2), find=finding_tables.ask_simulator) as world:
+    with MobileWorld(side_by_side(2), find=mobile_world.ask_simulator) as world:
         yield world
 
 

@@ -23,7 +23,7 @@ from gem_lite.policies.inputs import HEIGHT_SCALE
 from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import finding_tables
+from gem_lite.simulation import mobile_world
 from gem_lite.simulation.bodies import symbol_boxes
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
 
@@ -111,7 +111,7 @@ def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
     def lost(world, table):
         raise tags.LocalisationError("nowhere")
 
-    monkeypatch.setattr(finding_tables, "localise", lost)
+    monkeypatch.setattr(mobile_world, "localise", lost)
     actor = actors.policy_actor(policy)
     (found,) = evaluate.run_conditions(world, actor, "object-sorting-seen", "val", 0, [Condition("tags")])
     assert (found.reward, found.error) == (0.0, "nowhere")

@@ -16,9 +16,9 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import effectors
 from gem_lite.simulation.bodies import shapes, trays
-from gem_lite.simulation.goals import ZoneMetric
 from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
+from gem_lite.tasks.goals import ZoneMetric
 
 PYRAMID = "stack-block-pyramid-seq-seen-colors"
 PYRAMID_UNSEEN = "stack-block-pyramid-seq-unseen-colors"

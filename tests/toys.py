@@ -28,9 +28,9 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 
 @tasks.register("block-on-plate")

@@ -18,8 +18,8 @@ from gem_lite import clip, tasks
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.evaluation import actors, results
 from gem_lite.policies import methods
+from gem_lite.simulation.environment import SOLVED
 from gem_lite.simulation.looks import HOME
-from gem_lite.simulation.task import SOLVED
 
 FILE = Path(__file__).with_name("plan.yaml")
 """The plan."""

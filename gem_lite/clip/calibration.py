@@ -12,14 +12,19 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from gem_lite.foundations.files import DATA, read_json, write_atomically
 
-if TYPE_CHECKING:
-    from gem_lite.clip import Clip
+
+class Model(Protocol):
+    """What the numbers of a `gem_lite.clip.Clip` are filed by: its name, its folder and its fingerprint."""
+
+    name: str
+    folder: Path | None
+    fingerprint: str
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class Calibration:
         return ((cosine - self.image_low) / (self.image_high - self.image_low)).astype(np.float32)
 
 
-def path_for(clip: Clip) -> Path:
+def path_for(clip: Model) -> Path:
     """The file of a CLIP's calibration: in the folder of an embedded model; for others in the user's cache."""
     if clip.folder is not None and clip.folder.resolve().parent == DATA.resolve():
         return clip.folder / "calibration.json"
@@ -67,7 +72,7 @@ def path_for(clip: Clip) -> Path:
     return cache / f"calibration-{clip.fingerprint}.json"
 
 
-def read(clip: Clip) -> Calibration:
+def read(clip: Model) -> Calibration:
     """Read a CLIP's calibration from its file.
 
     Raises:
@@ -85,7 +90,7 @@ def read(clip: Clip) -> Calibration:
         raise ValueError(f"{path} is no calibration ({error}): measure it again with {command}") from error
 
 
-def write(clip: Clip, calibration: Calibration) -> Path:
+def write(clip: Model, calibration: Calibration) -> Path:
     """Write a CLIP's calibration to its file. Returns the file's path."""
     path = path_for(clip)
     write_atomically(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())

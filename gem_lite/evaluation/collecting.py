@@ -12,8 +12,7 @@ from gem_lite.evaluation import actors
 from gem_lite.evaluation.rollout import rollout
 from gem_lite.foundations.files import writing
 from gem_lite.simulation import looks
-from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.task import SOLVED
+from gem_lite.simulation.environment import SOLVED, Environment
 from gem_lite.simulation.world import World
 
 

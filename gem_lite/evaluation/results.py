@@ -8,16 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import filelock
 import numpy as np
 
+from gem_lite.config import Config
 from gem_lite.evaluation import statistics
 from gem_lite.foundations.files import DATA, read_json, write_atomically
-
-if TYPE_CHECKING:
-    from gem_lite.config import Config
 
 RESULTS = DATA / "results"
 """The rows that the lessons draw."""

@@ -11,7 +11,7 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.tags import LocalisationError
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.environment import Environment, Step, body_at
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.task import Task
 
 Observations = tuple[Observation, ...]
 Decision = Action | ExpertAction | Choice | TablesChoice

@@ -11,7 +11,7 @@ from gem_lite import tasks
 from gem_lite.evaluation import results
 from gem_lite.evaluation.results import Score
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import finding_tables
+from gem_lite.simulation import mobile_world
 from gem_lite.simulation.mobile_world import MobileWorld
 
 TASKS = tasks.variants("object-sorting")
@@ -33,16 +33,16 @@ class Condition(NamedTuple):
     shift: float = 0.0
     turn: float = 0.0
 
-    def finder(self, rng: np.random.Generator) -> finding_tables.Finder:
+    def finder(self, rng: np.random.Generator) -> mobile_world.Finder:
         """The robot's way of finding a table, with a new random error for every table."""
-        find = finding_tables.localise if self.poses == "tags" else finding_tables.ask_simulator
+        find = mobile_world.localise if self.poses == "tags" else mobile_world.ask_simulator
 
         def find_with_error(world: MobileWorld, table: int) -> Pose2:
             direction = rng.uniform(-math.pi, math.pi)
             error = Pose2(
                 self.shift * math.cos(direction), self.shift * math.sin(direction), self.turn * rng.choice([-1, 1])
             )
-            return finding_tables.disturbed(find, error)(world, table)
+            return mobile_world.disturbed(find, error)(world, table)
 
         return find_with_error
 

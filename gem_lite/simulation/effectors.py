@@ -1,16 +1,15 @@
-"""End effectors (tools) by name. They carry out picks, places and pushes.
+"""End effectors by name. They carry out picks, places and pushes. The library's are floating tools.
 
-A task names its effector. A program outside the library registers its own effector in the same way:
+A task names its effector. A program outside the library registers its own effector in the same way, such as an arm:
 
-    @effectors.EFFECTORS.register("hook")
-    class Hook(Effector): ...
+    @effectors.EFFECTORS.register("arm")
+    class Arm: ...
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 import pybullet as p
@@ -19,7 +18,7 @@ from typing_extensions import override
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2, wrap
-from gem_lite.simulation.floating_tool import CLEARANCE, PARKED, STRIDE, FloatingTool, planar
+from gem_lite.simulation.floating_tool import CLEARANCE, STRIDE, FloatingTool, Log, planar
 
 TIP_RADIUS = 0.005
 TIP_LENGTH = 0.03
@@ -44,55 +43,53 @@ SLOW_STRIDE = STRIDE / 3
 DARK = (0.1, 0.1, 0.1, 1)
 
 
-class Effector(FloatingTool, ABC):
-    """A tool in a world. It refuses actions that it cannot carry out.
+class Effector(Protocol):
+    """What acts in a simulated world: a tool, or an arm with a tool. It needs no base class.
+
+    An environment makes it and calls `park` after each action. It calls `pick` and `place`, or `push`, only if
+    `actions` has the kind of action; `carry` only if the effector stands on a mobile base. All poses are in the world.
 
     Attributes:
         actions: the kinds of action that it can carry out.
-        reach: the distance (m) from its centre down to its lower end.
+        held: the id of the body that it holds, or None.
 
     Args:
         client: the physics client.
-        parked: the position (m) where it waits.
+        parked: the position (m) where it waits, out of the cameras' sight.
+        log: to be called during all motions with the present state, 30 times per simulated second.
     """
 
     actions: ClassVar[tuple[type[Action], ...]]
-    reach: ClassVar[float]
+    held: int | None
 
-    def __init__(self, client: int, parked: tuple[float, float, float] = PARKED) -> None:
-        super().__init__(client, self.make_shapes(client), self.reach, parked)
-
-    @staticmethod
-    @abstractmethod
-    def make_shapes(client: int) -> tuple[int, int]:
-        """The tool's collision shape and visual shape, centred on the tool."""
-
-    def check(self, action: Action) -> None:
-        """Raises ValueError if this tool cannot carry out the action."""
-        if not isinstance(action, self.actions):
-            allowed = " or ".join(kind.__name__ for kind in self.actions)
-            raise ValueError(
-                f"action must be a {allowed} for the tool {type(self).__name__}, got a {type(action).__name__}"
-            )
+    def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None: ...
 
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
-        """Grasp at ``pose``. Returns whether the tool then holds a body. Raises ValueError if this tool cannot pick."""
-        raise ValueError(f"the tool {type(self).__name__} cannot pick")
+        """Grasp one of the ``movable`` bodies at ``pose``. Returns whether a body is held."""
+        ...
 
     def place(self, pose: Pose2) -> None:
-        """Put the held body at ``pose``. Raises ValueError if this tool cannot place."""
-        raise ValueError(f"the tool {type(self).__name__} cannot place")
+        """Put the held body at ``pose``."""
+        ...
 
     def push(self, start: Pose2, end: Pose2) -> None:
-        """Push along the table from ``start`` to ``end``. Raises ValueError if this tool cannot push."""
-        raise ValueError(f"the tool {type(self).__name__} cannot push")
+        """Push along the table from ``start`` to ``end``."""
+        ...
+
+    def carry(self, pose: Pose2) -> None:
+        """Move above ``pose``, with the held body if there is one."""
+        ...
+
+    def park(self) -> None:
+        """Release the held body and leave the view of the cameras."""
+        ...
 
 
 EFFECTORS: Registry[type[Effector]] = Registry("end effector")
 
 
 @EFFECTORS.register("suction")
-class Suction(Effector):
+class Suction(FloatingTool):
     """A suction cup: it holds the movable body that its tip touches, at any yaw, and really carries it."""
 
     actions = (PickPlace,)
@@ -108,7 +105,6 @@ class Suction(Effector):
         visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=DARK, **common)
         return collision, visual
 
-    @override
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
         """Move above ``pose``, go down until the tip touches a body, grasp, lift. Returns whether a body is held."""
         self.carry(pose)
@@ -120,7 +116,6 @@ class Suction(Effector):
         self._rise()
         return self.held is not None
 
-    @override
     def place(self, pose: Pose2) -> None:
         """Carry the held body above ``pose``, go down until it touches something, release it, and rise.
 
@@ -198,7 +193,7 @@ class Jaw(Suction):
 
 
 @EFFECTORS.register("spatula")
-class Spatula(Effector):
+class Spatula(FloatingTool):
     """A flat upright blade. It pushes bodies and cannot hold them (CLIPort's tool for piles)."""
 
     actions = (Push,)
@@ -212,7 +207,6 @@ class Spatula(Effector):
         visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=DARK, **common)
         return collision, visual
 
-    @override
     def push(self, start: Pose2, end: Pose2) -> None:
         """Go down `RUN_UP` behind ``start`` until the blade touches something, move to ``end``, and rise.
 

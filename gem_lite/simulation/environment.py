@@ -6,26 +6,66 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 import pybullet as p
 
-from gem_lite.actions import Action, GripperState, PickPlace, Push
+from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, Effector
 from gem_lite.simulation.floating_tool import PARKED, RATE
 from gem_lite.simulation.looks import HOME, RGBA, Look
-from gem_lite.simulation.task import SOLVED, Task
 
+SOLVED = 0.99
+"""An episode is solved if its score is above this."""
 SETTLE_STEPS = 4800
 """The scene may take this many simulation steps to come to rest."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
 Watch = Callable[[str], None]
 """Called at the moments "picked", "pushed" and "placed" of an action, with the moment's name: to take pictures."""
+
+
+def _ignore(_: object) -> None:
+    """Nobody watches or films."""
+
+
+class PlayedTask(Protocol):
+    """A task as an environment knows it: `gem_lite.tasks.Task`.
+
+    Attributes:
+        workspace: the area of the task's table.
+        effector: the name of the tool, see `effectors`.
+        max_steps: the number of actions after which an episode ends.
+    """
+
+    workspace: Workspace
+    effector: str
+    max_steps: int
+
+    @property
+    def instruction(self) -> str:
+        """The present sentence."""
+        ...
+
+    def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:
+        """Put the bodies of an episode on the tables."""
+        ...
+
+    def score(self, environment: Environment) -> float:
+        """The share of the task that is done, in [0, 1]."""
+        ...
+
+    def advance(self, environment: Environment) -> None:
+        """Called after every action: go on to the next sentence."""
+        ...
+
+    def expert(self, environment: Environment) -> ExpertAction | None:
+        """The next action, from ground truth, or None if nothing is left to do."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -63,6 +103,8 @@ class Environment(ABC):
         base: the pose of the tool's base in the world.
         parked: the position (m) where the tool waits.
         effector: the tool. The task chooses it.
+        trace: the states of the tool during the present action, or the last one.
+        film: called with each state after it came into the trace: to take pictures. By default nobody films.
 
     Args:
         gui: open PyBullet's window; headless by default.
@@ -80,7 +122,9 @@ class Environment(ABC):
         self.bodies: list[Body] = []
         self.steps_taken = 0
         self.effector: Effector
-        self._task: Task | None = None
+        self.trace: list[GripperState] = []
+        self.film: Callable[[GripperState], None] = _ignore
+        self._task: PlayedTask | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -97,18 +141,18 @@ class Environment(ABC):
     # Episodes
 
     @property
-    def task(self) -> Task:
+    def task(self) -> PlayedTask:
         """The task of the last `reset`. Raises RuntimeError before it."""
         if self._task is None:
             raise RuntimeError("the world has no task yet: call world.reset(task, seed) first")
         return self._task
 
-    def reset(self, task: Task, seed: int) -> tuple[Observation, ...]:
+    def reset(self, task: PlayedTask, seed: int) -> tuple[Observation, ...]:
         """Lay out an episode of ``task`` and observe it. All its random choices come from ``seed``."""
         self.begin(task, seed)
         return self.observe()
 
-    def begin(self, task: Task, seed: int) -> None:
+    def begin(self, task: PlayedTask, seed: int) -> None:
         """`reset` without pictures."""
         self.workspace = task.workspace
         self.clear(task.effector)
@@ -123,7 +167,7 @@ class Environment(ABC):
     def observe(self) -> tuple[Observation, ...]:
         """The views of the three cameras of each table, in that table's own frame."""
 
-    def step(self, action: Action, watch: Watch | None = None, last_look: bool = True) -> Step:
+    def step(self, action: Action, watch: Watch = _ignore, last_look: bool = True) -> Step:
         """Carry out an action and score the result.
 
         Args:
@@ -136,8 +180,6 @@ class Environment(ABC):
             RuntimeError: there is no task yet.
         """
         self.check(action)
-        if watch is None:
-            watch = _ignore
         held = None
         if isinstance(action, Push):
             self._push(action, watch)
@@ -146,7 +188,7 @@ class Environment(ABC):
         reward, done = self.conclude()
         watch("placed")
         observations = self.observe() if last_look or not done else ()
-        return Step(observations, reward, done, held, tuple(self.effector.trace))
+        return Step(observations, reward, done, held, tuple(self.trace))
 
     def check(self, action: Action) -> None:
         """Refuse an action that cannot be carried out.
@@ -157,7 +199,10 @@ class Environment(ABC):
             RuntimeError: there is no task yet.
         """
         workspace = self.task.workspace
-        self.effector.check(action)
+        if not isinstance(action, self.effector.actions):
+            allowed = " or ".join(kind.__name__ for kind in self.effector.actions)
+            tool = type(self.effector).__name__
+            raise ValueError(f"action must be a {allowed} for the tool {tool}, got a {type(action).__name__}")
         if isinstance(action, Push):
             tables = {"table": action.table}
             poses = {"start": action.start, "end": action.end}
@@ -185,7 +230,7 @@ class Environment(ABC):
 
     def _pick_and_place(self, action: PickPlace, watch: Watch) -> int | None:
         table_pose = self.reach(action.pick_table)
-        self.effector.trace.clear()
+        self.trace.clear()
         grasped = self.effector.pick(self.base @ (table_pose @ action.pick), self.movable)
         held = self.effector.held
         watch("picked")
@@ -197,7 +242,7 @@ class Environment(ABC):
 
     def _push(self, action: Push, watch: Watch) -> None:
         table_pose = self.reach(action.table)
-        self.effector.trace.clear()
+        self.trace.clear()
         self.effector.push(self.base @ (table_pose @ action.start), self.base @ (table_pose @ action.end))
         watch("pushed")
 
@@ -232,7 +277,12 @@ class Environment(ABC):
         p.setTimeStep(1 / RATE, physicsClientId=self.client)
         self.bodies = []
         self.furnish()
-        self.effector = make_effector(self.client, self.parked)
+        self.trace.clear()
+        self.effector = make_effector(self.client, self.parked, self._log)
+
+    def _log(self, state: GripperState) -> None:
+        self.trace.append(state)
+        self.film(state)
 
     def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> int:
         """Add a fixed box with its upper face at the height ``top``. If it is not ``solid``, it is visible only.
@@ -306,10 +356,6 @@ class Environment(ABC):
         """Simulate for a fixed time. `settle` would stop too early for a body that begins to fall slowly."""
         for _ in range(round(RATE * seconds)):
             p.stepSimulation(physicsClientId=self.client)
-
-
-def _ignore(moment: str) -> None:
-    """A `Watch` that does nothing."""
 
 
 def body_at(environment: Environment, pose: Pose2) -> int:

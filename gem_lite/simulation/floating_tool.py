@@ -6,7 +6,9 @@ Time is counted in simulation steps.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import pybullet as p
@@ -27,32 +29,33 @@ TURN = 0.03
 FORCE = 200.0
 LOG_EVERY = 8
 """Simulation steps between two states in the log: 30 a second."""
+Log = Callable[[GripperState], None]
+"""Called with a state of a gripper."""
 
 
-class FloatingTool:
+class FloatingTool(ABC):
     """A body that a strong constraint pulls to its target pose.
 
     Attributes:
+        reach: the distance (m) from the tool's centre down to its lower end.
         id: the id of its body.
         held: the id of the body that it carries, or None.
         travel_height: height (m) at which it travels now.
         stride: metres per simulation step at which it travels now.
-        trace: its states during its motions, one every `LOG_EVERY` simulation steps. The owner clears it.
 
     Args:
         client: the physics client.
-        shapes: collision shape and visual shape in that client, centred on the tool.
-        reach: the distance (m) from the tool's centre down to its lower end.
         parked: the position (m) where it waits.
+        log: called with its state during its motions, every `LOG_EVERY` simulation steps.
     """
 
-    def __init__(
-        self, client: int, shapes: tuple[int, int], reach: float, parked: tuple[float, float, float] = PARKED
-    ) -> None:  # fmt: skip
+    reach: ClassVar[float]
+
+    def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
         self._client = client
         self._parked = parked
-        self._reach = reach
-        self.id = p.createMultiBody(0.5, *shapes, parked, physicsClientId=client)
+        self._log = log
+        self.id = p.createMultiBody(0.5, *self.make_shapes(client), parked, physicsClientId=client)
         self._drive = p.createConstraint(
             self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), parked, physicsClientId=client
         )
@@ -61,8 +64,12 @@ class FloatingTool:
         self.held: int | None = None
         self.travel_height = CLEARANCE
         self.stride = STRIDE
-        self.trace: list[GripperState] = []
         self._clock = 0
+
+    @staticmethod
+    @abstractmethod
+    def make_shapes(client: int) -> tuple[int, int]:
+        """The tool's collision shape and visual shape, centred on the tool."""
 
     @property
     def yaw(self) -> float:
@@ -95,7 +102,7 @@ class FloatingTool:
             The ids of the bodies that it touches, from ``touching()``.
         """
         touched = touching()
-        while not touched and self._target[2] > self._reach + above:
+        while not touched and self._target[2] > self.reach + above:
             self._advance(self._target - [0, 0, 0.001], self._yaw)
             touched = touching()
         return touched
@@ -127,7 +134,7 @@ class FloatingTool:
         self._clock += 1
         if self._clock % LOG_EVERY == 0:
             pose = planar(self._client, self.id)
-            self.trace.append(GripperState(pose.x, pose.y, pose.yaw, self.held is not None))
+            self._log(GripperState(pose.x, pose.y, pose.yaw, self.held is not None))
 
 
 def planar(client: int, body: int) -> Pose2:

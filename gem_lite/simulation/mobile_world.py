@@ -8,7 +8,7 @@ assumes by the errors of `RobotBody`. The robot carries out every action in the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,16 +19,15 @@ from typing_extensions import override
 
 from gem_lite.rgbd.camera import Camera, View, as_pose, camera_looking_at
 from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.tags import LocalisationError, table_in_base
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation.bodies import tag_plates
 from gem_lite.simulation.bodies.shapes import create_compound, create_visual
-from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.finding_tables import Finder, localise
+from gem_lite.simulation.environment import Environment, PlayedTask
 from gem_lite.simulation.floating_tool import CLEARANCE
 from gem_lite.simulation.looks import HOME as HOME_STYLE
 from gem_lite.simulation.looks import TABLE_COLOR, Look
 from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
-from gem_lite.simulation.task import Task
 
 TABLE_HEIGHT = 0.7
 """Height (m) of the tables' tops above the floor. All heights are measured from the tables' tops."""
@@ -36,6 +35,8 @@ FLANGE = 0.2
 """Width (m) of the board along each table's front edge (x_max) that carries its tag."""
 STAND = 0.55
 """Distance (m) of the base from a table's front edge when it works there."""
+SIDESTEPS = (0.0, 0.15, -0.15)
+"""The places along a table's edge (m) from which the robot looks for the tag, in this order."""
 CARRY = Pose2(-0.2, 0.0)
 """The pose of the tool in the base's frame while the base drives: behind the mast, where its camera does not see it."""
 HOME = Pose2(1.5, -2.0, math.pi)
@@ -76,6 +77,43 @@ class RobotBody:
 def side_by_side(count: int, gap: float = 0.4, length: float = 1.06) -> tuple[Pose2, ...]:
     """``count`` tables in a row along y, ``gap`` metres apart, all facing +x; the first is the world's frame."""
     return tuple(Pose2(0.0, i * (length + gap)) for i in range(count))
+
+
+Finder = Callable[["MobileWorld", int], Pose2]
+"""How a robot finds a table: it drives to the table and returns the table's pose in the base's frame."""
+
+
+def localise(world: MobileWorld, table: int) -> Pose2:
+    """A `Finder` that looks for the table's tag (A.12). If the tag is not seen, it tries the next of `SIDESTEPS`.
+
+    Raises:
+        LocalisationError: the tag was not found from any of `SIDESTEPS`.
+    """
+    failures = []
+    for sideways in SIDESTEPS:
+        world.drive(table, sideways)
+        try:
+            return table_in_base(world.look(), world.tags[table], world.tag)
+        except LocalisationError as error:
+            failures.append(f"{100 * sideways:+.0f} cm aside: {error}")
+    raise LocalisationError(f"table {table} cannot be localised; " + "; ".join(failures))
+
+
+def ask_simulator(world: MobileWorld, table: int) -> Pose2:
+    """A `Finder` that takes the true pose from the simulator, for comparisons."""
+    world.drive(table)
+    return world.true_table(table)
+
+
+def disturbed(find: Finder, error: Pose2) -> Finder:
+    """A `Finder` whose poses are wrong by ``error``: a shift, and a turn about the table's middle."""
+
+    def find_with_error(world: MobileWorld, table: int) -> Pose2:
+        w = world.workspace
+        middle = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+        return find(world, table) @ middle @ error @ middle.inverse()
+
+    return find_with_error
 
 
 class MobileWorld(Environment):
@@ -133,7 +171,7 @@ class MobileWorld(Environment):
         return Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
 
     @override
-    def begin(self, task: Task, seed: int) -> None:
+    def begin(self, task: PlayedTask, seed: int) -> None:
         self._rng = np.random.default_rng((seed, len(self.tables)))
         super().begin(task, seed)
 

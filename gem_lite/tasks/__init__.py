@@ -1,6 +1,5 @@
 """The tasks by name, and the seeds of their episodes. To add a family, write a class and register it."""
 
-from gem_lite.simulation.task import Split, Task
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     align_rope,
     assembling_kits,
@@ -16,6 +15,7 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     towers_of_hanoi,
 )
 from gem_lite.tasks.registry import SPLITS, family, make, names, register, variants
+from gem_lite.tasks.task import Split, Task
 
 __all__ = [
     "PAPER", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants",

@@ -9,13 +9,13 @@ import numpy as np
 from typing_extensions import override
 
 from gem_lite.actions import ExpertAction
-from gem_lite.simulation import goals
 from gem_lite.simulation.bodies import ropes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks import goals
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 TOLERANCE = 0.02
 FALL = 2.0

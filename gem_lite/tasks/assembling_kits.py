@@ -12,11 +12,11 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import kits, shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Split, Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.packing_shapes import ROUND, TURNS, grasp_point
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Split, Task
 
 TOLERANCE = 0.01
 YAW_TOLERANCE = math.radians(15)

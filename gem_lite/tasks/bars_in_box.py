@@ -10,10 +10,10 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, put_brown_box
+from gem_lite.tasks.task import Task
 
 BAR_SIZE = (0.1, 0.015, 0.02)
 BAR_RADIUS = math.hypot(*BAR_SIZE[:2]) / 2

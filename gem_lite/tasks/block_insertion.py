@@ -11,10 +11,10 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes, trays
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import FULL_TURN, Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 TOLERANCE = 0.01
 YAW_TOLERANCE = math.radians(15)

@@ -10,10 +10,10 @@ from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import objects, symbol_boxes, trays
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, ZoneMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, ZoneMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 SEEN = (
     "mug", "hammer", "banana", "scissors", "bottle", "spoon", "pan", "brush", "key", "teapot", "toy car", "duck", "hat",

@@ -11,10 +11,10 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, VolumeMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, VolumeMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError, put_brown_box, split_floor
+from gem_lite.tasks.task import Task
 
 BOX_SIDES = (0.05, 0.3)
 """Each side (m) of the brown box is drawn from this range."""

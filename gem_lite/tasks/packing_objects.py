@@ -23,10 +23,10 @@ from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation.bodies import objects
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, VolumeMetric
-from gem_lite.simulation.task import Split, Task
+from gem_lite.tasks.goals import Goal, VolumeMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError, put_brown_box, split_floor
+from gem_lite.tasks.task import Split, Task
 
 UNSEEN = (
     "screwdriver", "wine glass", "chair", "fork", "airplane", "mushroom", "sailboat", "lollipop", "flashlight", "lamp",

@@ -14,10 +14,10 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, put_brown_box
+from gem_lite.tasks.task import Task
 
 PIECES = 5
 BOX_SIDES = (0.1, 0.15)

@@ -11,10 +11,10 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError
+from gem_lite.tasks.task import Task
 
 TOLERANCE = 0.05
 """A block is in a bowl if its distance (metres, in x and y) to the bowl's centre is less than this."""

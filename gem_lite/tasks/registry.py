@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from gem_lite.foundations.registry import Registry
-from gem_lite.simulation.task import Split, Task
+from gem_lite.tasks.task import Split, Task
 
 T = TypeVar("T", bound=type[Task])
 SPLITS: tuple[Split, ...] = ("train", "val", "test")

@@ -9,10 +9,10 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import piles
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, ZoneMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, ZoneMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 SCORED = (0.15, 0.15)
 """Sides (m) of the area that counts. It is larger than the drawn square, as in CLIPort."""

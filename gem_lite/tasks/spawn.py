@@ -11,8 +11,8 @@ from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import trays
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import ZoneMetric
 from gem_lite.simulation.looks import HOME, Look
+from gem_lite.tasks.goals import ZoneMetric
 
 TRIES = 1000
 GAP = 0.015

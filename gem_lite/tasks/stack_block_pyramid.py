@@ -12,10 +12,10 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 SPACING = 0.05
 """Distance (m) between the middles of neighbouring plates; also their length."""

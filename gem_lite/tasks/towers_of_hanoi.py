@@ -11,10 +11,10 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import stands
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.goals import Goal, PoseMetric
-from gem_lite.simulation.task import Task
+from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.task import Task
 
 SMALL, MIDDLE, LARGE = range(3)
 MOVES = ((SMALL, 2), (MIDDLE, 1), (SMALL, 1), (LARGE, 2), (SMALL, 0), (MIDDLE, 2), (SMALL, 2))

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image as Pillow
-from typing_extensions import override
 
 from gem_lite.actions import GripperState, PickPlace
 from gem_lite.drawing import pictures
@@ -141,8 +140,8 @@ def show_answers(
     return fig
 
 
-class Film(list[GripperState]):
-    """A tool's log that also takes pictures while the tool is over the table. Use it as ``world.effector.trace``.
+class Film:
+    """Takes pictures while the tool is over the table. Use it as ``world.film``.
 
     Attributes:
         pictures: (h, w, 3) uint8 each.
@@ -150,22 +149,20 @@ class Film(list[GripperState]):
 
     Args:
         camera: the number of the camera that films.
-        every: one picture for so many entries of the log.
+        every: one picture for so many states of the tool.
         width: of a picture, in pixels.
     """
 
     def __init__(self, world: World, camera: int, every: int = 9, width: int = 320) -> None:
-        super().__init__()
         self.world = world
         self.camera = _resized(cameras_around(world.workspace)[camera], width)
         self.every = every
         self.pictures: list[np.ndarray] = []
         self.holding: list[bool] = []
 
-    @override
-    def append(self, state: GripperState) -> None:
-        super().append(state)
-        if len(self) % self.every == 0 and state.x > self.world.workspace.x_min:
+    def __call__(self, state: GripperState) -> None:
+        """See `Environment.film`."""
+        if len(self.world.trace) % self.every == 0 and state.x > self.world.workspace.x_min:
             self.pictures.append(self.take())
             self.holding.append(self.world.effector.held is not None)
 

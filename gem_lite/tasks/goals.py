@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.se2 import Pose2, angle_off, wrap
 from gem_lite.simulation.bodies.shapes import Body
-
-if TYPE_CHECKING:
-    from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.environment import Environment
 
 Target = Body | Pose2
 """The target of a body: the origin of another body, or a pose in the world."""

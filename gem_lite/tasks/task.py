@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.se2 import Workspace
-from gem_lite.simulation import goals
 from gem_lite.simulation.effectors import EFFECTORS
-from gem_lite.simulation.goals import Goal
-
-if TYPE_CHECKING:
-    from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.environment import Environment
+from gem_lite.tasks import goals
+from gem_lite.tasks.goals import Goal
 
 Split = Literal["train", "val", "test"]
-SOLVED = 0.99
-"""An episode is solved if its score is above this."""
 NEARLY = 0.01
 """A goal is reached if less than this share of the whole task is missing from it: CLIPort's rule."""
 
@@ -46,8 +42,8 @@ class Task(ABC):
         unseen: whether the unseen sets are used in validation and test. They are never used in training.
     """
 
-    workspace: ClassVar[Workspace] = Workspace()
-    effector: ClassVar[str] = "suction"
+    workspace: Workspace = Workspace()
+    effector: str = "suction"
     max_steps: int = 1
 
     def __init__(self, split: Split = "train", unseen: bool = False) -> None:
