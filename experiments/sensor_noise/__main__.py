@@ -11,7 +11,7 @@ import torch
 from experiments.sensor_noise.curves import measure
 from gem_lite import clip
 from gem_lite.evaluation import results
-from gem_lite.rgbd.sensor_errors import KINDS
+from notebooks.sensor_errors import KINDS
 
 ALL = ("none", "all", *KINDS)
 

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.sensor_noise.curves import only
 from gem_lite.evaluation import results
-from gem_lite.rgbd.sensor_errors import HARD, KINDS, SensorErrors
+from notebooks.sensor_errors import HARD, KINDS, SensorErrors
 
 
 def start(*words, folder):
