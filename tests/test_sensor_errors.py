@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from notebooks import sensor_errors
 from gem_lite.rgbd.camera import Camera, View, camera_looking_at
 from gem_lite.rgbd.observation import Observation
+from notebooks import sensor_errors
 from notebooks.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
 
 SIZE = (480, 640)

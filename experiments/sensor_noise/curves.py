@@ -23,11 +23,11 @@ from gem_lite.evaluation.rollout import Actor, Decision, Observations
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import levelling
-from notebooks.sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.world import World
+from notebooks.sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 
 IDENTITY = (*results.IDENTITY, "error_seed")
 """The entries that identify a row; ``subset`` names the kind of error and its size."""
