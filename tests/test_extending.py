@@ -1,4 +1,4 @@
-"""What is added without an edit: a task, a method, a map source and a parser from outside (toys.py).
+"""What is added without an edit: a task, an arm, a method, a map source and a parser from outside (toys.py).
 
 Each is collected, trained for a few steps and evaluated by the library's own commands, in processes of its own.
 """
@@ -9,7 +9,10 @@ import pytest
 
 from gem_lite import clip, demonstrations, language, tasks
 from gem_lite.cli import main
+from gem_lite.evaluation import actors
 from gem_lite.evaluation.results import read_rows
+from gem_lite.evaluation.rollout import rollout
+from gem_lite.maps.crop_memory import events
 from gem_lite.policies.checkpoints import load_policy
 
 TASK = "block-on-plate"
@@ -38,6 +41,20 @@ def test_the_toy_task_is_collected(demos):
     assert [episode.task for episode in episodes] == [TASK, TASK]
     assert [step.instruction for step in episodes[0].steps] == ["red block -> white plate"]
     assert sum(step.reward for step in episodes[1].steps) == pytest.approx(1.0)
+
+
+def test_an_arm_that_is_no_floating_tool_plays_an_episode(blind, monkeypatch):
+    import toys
+
+    filmed, rewards = [], []
+    monkeypatch.setattr(blind, "film", filmed.append)
+    task = tasks.make("put-block-in-bowl-by-arm", "val")
+    for turn in rollout(blind, task, tasks.episode_seed("val", 0), actors.expert):
+        rewards.append(turn.result.reward)
+        assert [kind for kind, _ in events(turn.result.trace)] == ["pick", "place"]
+        assert filmed[-len(turn.result.trace) :] == list(turn.result.trace)
+    assert type(blind.effector) is toys.Arm and toys.Arm.__bases__ == (object,)
+    assert len(rewards) == 2 and sum(rewards) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -1,4 +1,4 @@
-"""A task, a method, a map source and a parser of somebody else's: nothing of them is known to the library.
+"""A task, an arm, a method, a map source and a parser of somebody else's: nothing of them is known to the library.
 
 CONTRIBUTING.md shows these as the examples of what is added without an edit.
 """
@@ -8,14 +8,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import pybullet as p
+import pybullet_data
 import torch
 from torch import nn
 from typing_extensions import override
 
 from gem_lite import language, tasks
+from gem_lite.actions import GripperState, PickPlace
 from gem_lite.config import Config
 from gem_lite.foundations import colors
 from gem_lite.language import Queries, Query
@@ -26,9 +30,12 @@ from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.transporter import TopView
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.se2 import Pose2
+from gem_lite.simulation import effectors
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
+from gem_lite.tasks.put_block_in_bowl import PutBlockInBowl
 from gem_lite.tasks.spawn import FreeSpace
 from gem_lite.tasks.task import Task
 
@@ -47,6 +54,56 @@ class BlockOnPlate(Task):
         block = environment.add(shapes.add_block(environment.client, colors.rgba("red"), free.take(0.03)))
         self.names = {plate.id: "white plate", block.id: "red block"}
         return [Goal("red block -> white plate", (block,), (plate,), PoseMetric(0.04), grasp_symmetry=np.pi / 2)]
+
+
+@effectors.EFFECTORS.register("arm")
+class Arm:
+    """A robot arm of seven joints, with a magnet at its end."""
+
+    actions = (PickPlace,)
+
+    def __init__(self, client: int, parked: tuple[float, float, float], log: effectors.Log) -> None:
+        self.log, self.held, self.magnet, self.common = log, None, None, {"physicsClientId": client}
+        model = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
+        self.id = p.loadURDF(str(model), useFixedBase=True, globalScaling=1.2, **self.common)
+        self.joints = range(p.getNumJoints(self.id, **self.common))
+
+    def move(self, x: float, y: float, z: float, steps: int = 120) -> None:
+        down = (1.0, 0.0, 0.0, 0.0)
+        precision = dict(maxNumIterations=200, residualThreshold=1e-4)
+        angles = p.calculateInverseKinematics(self.id, self.joints[-1], (x, y, z), down, **precision, **self.common)
+        p.setJointMotorControlArray(self.id, self.joints, p.POSITION_CONTROL, angles, **self.common)
+        for _ in range(steps):
+            p.stepSimulation(**self.common)
+        self.log(GripperState(x, y, 0.0, self.held is not None))
+
+    def pick(self, pose: Pose2, movable: set[int]) -> bool:
+        self.move(pose.x, pose.y, 0.2)
+        for height in np.linspace(0.2, 0.0, 40):
+            self.move(pose.x, pose.y, height, steps=10)
+            for body in {contact[2] for contact in p.getContactPoints(self.id, **self.common)} & movable:
+                ends = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.02))  # the upper face of a block
+                joint = (self.id, self.joints[-1], body, -1, p.JOINT_POINT2POINT, *ends)
+                self.held, self.magnet = body, p.createConstraint(*joint, **self.common)
+                return True
+        return False
+
+    def place(self, pose: Pose2) -> None:
+        self.move(pose.x, pose.y, 0.25)
+        self.move(pose.x, pose.y, 0.12)
+
+    def park(self) -> None:
+        if self.held is not None:
+            p.removeConstraint(self.magnet, **self.common)
+        self.held = None
+        self.move(0.1, 0.0, 0.6)
+
+
+@tasks.register("put-block-in-bowl", {"by-arm": {}})
+class PutBlockInBowlByArm(PutBlockInBowl):
+    """The arm carries them out."""
+
+    effector = "arm"
 
 
 @language.PARSERS.register("arrow")
