@@ -99,5 +99,7 @@ def first_failure(
             if result.held is not None:
                 picked = task.names[result.held]
             cause = reason(turn.decision, expert, (right_pick, right_place), (picked, place), result.grasped)
+            if result.held in turn.placed:
+                cause = f"picked the {picked} that already lay in its place"
             return Failure(index, world.steps_taken, turn.decision, cause)
     return None

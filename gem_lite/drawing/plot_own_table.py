@@ -42,7 +42,7 @@ def show_look(
         for number, place in enumerate(places[phrase], 1):
             row, col = workspace.to_pixel(place.x, place.y)
             ax.text(col, row, str(number), color="white", ha="center", va="center", path_effects=OUTLINE)
-    fig.colorbar(image, ax=axes[1:], shrink=0.8, label="about 1 on a match")
+    fig.colorbar(image, ax=axes[1:], shrink=0.8, label="map: about 1 on a match on our tables")
     if action is not None:
         draw_gripper(axes[0], action.pick, workspace, PICK_COLOR, "pick")
         draw_gripper(axes[0], action.place, workspace, PLACE_COLOR, "place")

@@ -181,6 +181,7 @@ def show_peak_rule(
                 image = bare(ax).imshow(semantic, cmap="inferno", vmin=0, vmax=1)
                 fine = np.kron(allowed, np.ones((4, 4)))
                 ax.contour(*quarters[::-1], fine, levels=[0.5], colors="white", linewidths=1)
+                ax.plot([], color="white", label="allowed cells")
             else:
                 bare(ax).imshow(picture)
             for spot, marker, label in zip(spots, "ox", ("without the rule", "with the rule"), strict=True):
@@ -197,8 +198,9 @@ def show_peak_rule(
                 ax.set(xlim=(col - reach, col + reach), ylim=(row + reach, row - reach), facecolor="0.7")
         for ax, name in zip(axes, ("scene", "map", "the square, scene", "the square, map"), strict=True):
             ax.set_title(name, fontsize=9)
-        row_fig.colorbar(image, ax=axes[3], shrink=0.7)
-    rows[0].axes[0].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.02))
+        row_fig.colorbar(image, ax=axes[3], shrink=0.7, label="map")
+    # The map's panel has all three entries. One of them is a white line.
+    rows[-1].axes[1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.02), facecolor="0.6")
     return fig
 
 

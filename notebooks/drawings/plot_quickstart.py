@@ -78,7 +78,7 @@ def show_angles(logits: np.ndarray, cell: tuple[int, int, int], color: str, titl
     values = logits[:, cell[1], cell[2]]
     values = np.append(values, values[0]) - values.min()
     fig, ax = plt.subplots(figsize=(3, 3), subplot_kw={"projection": "polar"}, layout="constrained")
-    ax.plot(angles, values, color=color)
+    ax.plot(angles, values, ".-", color=color)
     ax.plot([angles[cell[0]]] * 2, [0, values.max()], color=color, lw=3, alpha=0.4)
     ax.set_yticklabels([])
     ax.set_title(title, fontsize=9)
