@@ -12,9 +12,9 @@ import pybullet as p
 import pybullet_data
 import trimesh
 
-from experiments.clip_tabletop import vocabulary
+from experiments.clip_tabletop import basic_solids, tiles, vocabulary
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import objects, shapes, symbol_boxes, tiles
+from gem_lite.simulation.bodies import objects, shapes, symbol_boxes
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.tasks.spawn import FreeSpace
 
@@ -175,7 +175,7 @@ def add(build: Builder, noun: str, color: tuple[float, ...], pose: Pose2) -> int
     if noun == "L-block":
         mesh = shapes.l_block_mesh()
     else:
-        mesh = shapes.basic_mesh(noun) if noun in shapes.BASIC else shapes.piece_mesh(noun)
+        mesh = basic_solids.basic_mesh(noun) if noun in basic_solids.BASIC else shapes.piece_mesh(noun)
     return shapes.add_mesh(client, mesh, color, pose).id
 
 

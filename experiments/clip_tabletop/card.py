@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.clip_tabletop import vocabulary
+from experiments.clip_tabletop import basic_solids, vocabulary
 from experiments.clip_tabletop.crops import PART_KEYS, Crops, render_crops
 from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
 from gem_lite.clip import Clip
@@ -19,7 +19,7 @@ SCENES = {"test": 100, "held-out": 60, "foreign": 25}
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "blocks and bowls": ("block", "bowl"),
-    "solids (L-block, box, plate, ball, cylinder, cone)": ("L-block", *shapes.BASIC),
+    "solids (L-block, box, plate, ball, cylinder, cone)": ("L-block", *basic_solids.BASIC),
     "the 20 kitting shapes": shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES,
     "other letters and digits": vocabulary.GLYPHS,
     "everyday objects": objects.NAMES,

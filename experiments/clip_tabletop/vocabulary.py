@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from experiments.clip_tabletop import basic_solids, tiles
 from gem_lite.foundations import colors
-from gem_lite.simulation.bodies import objects, ropes, shapes, symbol_boxes, tiles
+from gem_lite.simulation.bodies import objects, ropes, shapes, symbol_boxes
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -114,7 +115,7 @@ TEXTURED = tuple(f"{texture} {thing}" for thing in ("block", "towel") for textur
 PIECES = shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES
 SHAPES: dict[str, tuple[str, ...]] = {
     name: (name, *_SYNONYMS.get(name, ()))
-    for name in ("block", "bowl", "L-block", *shapes.BASIC, *PIECES, *GLYPHS, *objects.NAMES, *TEXTURED)
+    for name in ("block", "bowl", "L-block", *basic_solids.BASIC, *PIECES, *GLYPHS, *objects.NAMES, *TEXTURED)
 }
 """The names of each shape and object that can have any colour, the plain one first."""
 

@@ -10,7 +10,7 @@ import trimesh
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.shapes import Body
 
 KIT_SIZE = (0.28, 0.20, 0.005)
 """Sides (m) of the board."""
@@ -40,9 +40,7 @@ def add_hole(client: int, shape: str, pose: Pose2) -> Body:
     Raises:
         ValueError: no piece has this shape.
     """
-    height = KIT_SIZE[2] + PRINT / 2
-    visual = create_visual(client, hole_mesh(shape), HOLE_COLOR, PRINT / 2)
-    return create_body(client, -1, visual, pose, height, 0.0, movable=False)
+    return shapes.add_print(client, hole_mesh(shape), HOLE_COLOR, pose, KIT_SIZE[2])
 
 
 def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float]) -> tuple[Body, list[Body]]:

@@ -11,17 +11,16 @@ from functools import cache
 
 import numpy as np
 import pybullet as p
-import trimesh
 
-from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation.bodies import animals, food, household, playthings, toybox
-from gem_lite.simulation.bodies.shapes import Body, create_compound, triangles
-from gem_lite.simulation.bodies.solids import RGBA, Maker, Part
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.bodies import animals, food, home, tools, toys
+from gem_lite.simulation.bodies.parts import RGBA, Part
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.solids import join
 
 TRAINING_VARIANTS = 12
 """The embedded CLIP was trained on the variants 0 .. 11 and on no others."""
 
-_MAKERS: dict[str, Maker] = household.MAKERS | playthings.MAKERS | animals.MAKERS | food.MAKERS | toybox.MAKERS
 NAMES: tuple[str, ...] = (
     "mug", "hammer", "screwdriver", "banana", "scissors", "bottle", "spoon", "fork", "knife", "pan", "spatula",
     "brush", "wrench", "magnifying glass", "flashlight", "key", "headphones", "teapot", "toy car", "airplane", "duck",
@@ -33,6 +32,8 @@ NAMES: tuple[str, ...] = (
     "ladle", "rolling pin", "whisk", "salt shaker",
 )  # fmt: skip
 """New names must go to the end of this list, because an object's variants depend on its place in it."""
+_MAKERS = vars(animals) | vars(food) | vars(home) | vars(tools) | vars(toys)
+"""The function `_ice_cream` of one of these files makes an "ice cream": from `Vary`, a list of parts."""
 
 
 @cache
@@ -46,13 +47,13 @@ def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
     Raises:
         ValueError: the name is unknown, or the variant is negative.
     """
-    if name not in _MAKERS:
+    if name not in NAMES:
         raise ValueError(f"no object is named {name!r}; the names are {', '.join(NAMES)}")
     if variant < 0:
         raise ValueError(f"variant must be at least 0, got {variant}")
     rng = np.random.default_rng((NAMES.index(name), variant))
-    pieces = _MAKERS[name](lambda: float(rng.uniform(0.82, 1.18)))
-    low, high = trimesh.util.concatenate([part.mesh for part in pieces]).bounds
+    pieces = _MAKERS["_" + name.replace(" ", "_")](lambda: float(rng.uniform(0.82, 1.18)))
+    low, high = join(*[part.mesh for part in pieces]).bounds
     shift = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
     for part in pieces:
         part.mesh.apply_translation(shift)
@@ -62,7 +63,7 @@ def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
 @cache
 def extents(name: str, variant: int = 0) -> tuple[float, float, float]:
     """The sides (m) of an object's bounding box in its own frame. Raises ValueError as `parts`."""
-    x, y, z = trimesh.util.concatenate([part.mesh for part in parts(name, variant)]).extents.tolist()
+    x, y, z = join(*[part.mesh for part in parts(name, variant)]).extents.tolist()
     return x, y, z
 
 
@@ -77,17 +78,9 @@ def add_object(client: int, name: str, color: RGBA, pose: Pose2, variant: int = 
     Its contact shape is the convex hull of all parts.
     """
     pieces = parts(name, variant)
-    whole = trimesh.util.concatenate([part.mesh for part in pieces])
+    whole = join(*[part.mesh for part in pieces])
     lower = whole.extents[2] / 2
     hull = whole.convex_hull.vertices - [0, 0, lower]
-    visuals = [
-        p.createVisualShape(
-            p.GEOM_MESH, **triangles(part.mesh, lower), rgbaColor=part.rgba or color, physicsClientId=client
-        )
-        for part in pieces
-    ]
+    visuals = [create_visual(client, part.mesh, part.rgba or color, lower) for part in pieces]
     collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
-    place = ((pose.x, pose.y, lower), quaternion(pose.yaw))
-    body = create_compound(client, collision, visuals, place, 0.03 if movable else 0.0)
-    p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
-    return Body(body, lower, movable)
+    return create_body(client, collision, visuals, pose, lower, 0.03, movable)

@@ -10,8 +10,8 @@ import trimesh
 from shapely.geometry import box
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
-from gem_lite.simulation.bodies.solids import RGBA
+from gem_lite.simulation.bodies.parts import RGBA
+from gem_lite.simulation.bodies.shapes import Body, add_print, create_body
 
 CUBE = 0.01
 """Side (m) of a cube of a pile."""
@@ -46,5 +46,4 @@ def square_mesh() -> trimesh.Trimesh:
 
 def add_square(client: int, color: RGBA, pose: Pose2) -> Body:
     """Draw a square outline on the table. It is fixed, and other bodies do not touch it."""
-    visual = create_visual(client, square_mesh(), color, PRINT / 2)
-    return create_body(client, -1, visual, pose, PRINT / 2, 0.0, movable=False)
+    return add_print(client, square_mesh(), color, pose)

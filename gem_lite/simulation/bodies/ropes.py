@@ -10,8 +10,8 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
-from gem_lite.simulation.bodies.solids import RGBA
+from gem_lite.simulation.bodies.parts import RGBA
+from gem_lite.simulation.bodies.shapes import Body, add_print, create_body
 
 BEADS = 20
 BEAD = 0.005
@@ -91,8 +91,7 @@ def guide_mesh() -> trimesh.Trimesh:
 
 def add_guide(client: int, pose: Pose2) -> Body:
     """Draw a guide on the table. It is fixed, and other bodies do not touch it."""
-    visual = create_visual(client, guide_mesh(), GUIDE_COLOR, STRIP[1] / 2)
-    return create_body(client, -1, visual, pose, STRIP[1] / 2, 0.0, movable=False)
+    return add_print(client, guide_mesh(), GUIDE_COLOR, pose)
 
 
 def targets(pose: Pose2, start: str, end: str) -> list[Pose2]:

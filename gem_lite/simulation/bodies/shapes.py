@@ -14,9 +14,7 @@ import pybullet as p
 import trimesh
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
-from shapely import affinity
-from shapely.geometry import Polygon, box
-from shapely.ops import unary_union
+from shapely import Polygon, affinity, box, union_all
 
 from gem_lite.se2 import Pose2, quaternion
 
@@ -55,21 +53,22 @@ def bowl_mesh(profile: BowlProfile = BOWL) -> trimesh.Trimesh:
     return trimesh.creation.revolve(np.concatenate([[(0, 0)], outer, inner, [(0, profile.floor)]]), sections=32)
 
 
-def _regular(count: int, radius: float, phase: float = np.pi / 2) -> Polygon:
-    angles = phase + 2 * np.pi * np.arange(count) / count
-    return Polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+def _polar(angles: np.ndarray, radii: np.ndarray | float) -> Polygon:
+    return Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+
+
+def _regular(count: int, radius: float) -> Polygon:
+    return _polar(np.pi / 2 + 2 * np.pi * np.arange(count) / count, radius)
 
 
 def _star(points: int = 5, outer: float = 0.0318, inner: float = 0.0159) -> Polygon:
-    angles = np.pi / 2 + np.pi * np.arange(2 * points) / points
-    radii = np.where(np.arange(2 * points) % 2 == 0, outer, inner)
-    return Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+    corners = np.arange(2 * points)
+    return _polar(np.pi / 2 + np.pi * corners / points, np.where(corners % 2 == 0, outer, inner))
 
 
 def _flower() -> Polygon:
     angles = 2 * np.pi * np.arange(96) / 96
-    radii = 0.026 + 0.004 * np.cos(4 * angles)
-    return Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1))
+    return _polar(angles, 0.026 + 0.004 * np.cos(4 * angles))
 
 
 def _heart() -> Polygon:
@@ -77,6 +76,22 @@ def _heart() -> Polygon:
     x = 16 * np.sin(t) ** 3
     y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t)
     return Polygon(np.stack([x, y], axis=1) * 0.06 / 34)
+
+
+_OUTLINES: dict[str, Polygon] = {
+    "triangle": _regular(3, 0.035),
+    "square": box(-0.03, -0.03, 0.03, 0.03),
+    "plus": union_all([box(-0.03, -0.01, 0.03, 0.01), box(-0.01, -0.03, 0.01, 0.03)]),
+    "diamond": Polygon([(0.0375, 0), (0, 0.03), (-0.0375, 0), (0, -0.03)]),
+    "pentagon": _regular(5, 0.03),
+    "rectangle": box(-0.0375, -0.0225, 0.0375, 0.0225),
+    "flower": _flower(),
+    "star": _star(),
+    "circle": _regular(48, 0.03),
+    "ring": _regular(48, 0.03).difference(_regular(48, 0.0126)),
+    "hexagon": _regular(6, 0.03),
+    "heart": _heart(),
+}
 
 
 def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
@@ -98,31 +113,8 @@ def outline(name: str) -> Polygon:
     """
     if name.startswith(("letter ", "digit ")) and name.endswith(" shape"):
         return letter_outline(name.split()[1])
-    match name:
-        case "triangle":
-            return _regular(3, 0.035)
-        case "square":
-            return box(-0.03, -0.03, 0.03, 0.03)
-        case "plus":
-            return unary_union([box(-0.03, -0.01, 0.03, 0.01), box(-0.01, -0.03, 0.01, 0.03)])
-        case "diamond":
-            return Polygon([(0.0375, 0), (0, 0.03), (-0.0375, 0), (0, -0.03)])
-        case "pentagon":
-            return _regular(5, 0.03)
-        case "rectangle":
-            return box(-0.0375, -0.0225, 0.0375, 0.0225)
-        case "flower":
-            return _flower()
-        case "star":
-            return _star()
-        case "circle":
-            return _regular(48, 0.03)
-        case "ring":
-            return _regular(48, 0.03).difference(_regular(48, 0.0126))
-        case "hexagon":
-            return _regular(6, 0.03)
-        case "heart":
-            return _heart()
+    if name in _OUTLINES:
+        return _OUTLINES[name]
     raise ValueError(f"no outline is named {name!r}; the names are {', '.join(SEEN_SHAPES + UNSEEN_SHAPES)}")
 
 
@@ -139,38 +131,13 @@ def piece_mesh(name: str) -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(outline(name), PIECE_HEIGHT)
 
 
-BASIC = ("box", "plate", "ball", "cylinder", "cone")
-"""The names of `basic_mesh`'s solids."""
-
-
-@cache
-def basic_mesh(name: str) -> trimesh.Trimesh:
-    """A box (open on top), plate, ball, cylinder or cone, 44 to 110 mm wide."""
-    match name:
-        case "box":
-            walls = box(-0.045, -0.035, 0.045, 0.035).difference(box(-0.041, -0.031, 0.041, 0.031))
-            floor = trimesh.creation.box(bounds=[[-0.045, -0.035, 0], [0.045, 0.035, 0.004]])
-            return trimesh.util.concatenate([trimesh.creation.extrude_polygon(walls, 0.035), floor])
-        case "plate":
-            profile = [(0, 0), (0.034, 0), (0.055, 0.010), (0.055, 0.012), (0.034, 0.004), (0, 0.004)]
-            return trimesh.creation.revolve(np.array(profile), sections=32)
-        case "ball":
-            return trimesh.creation.icosphere(subdivisions=3, radius=0.022).apply_translation([0, 0, 0.022])
-        case "cylinder":
-            profile = [(0, 0), (0.022, 0), (0.022, 0.05), (0, 0.05)]
-            return trimesh.creation.revolve(np.array(profile), sections=32)
-        case "cone":
-            return trimesh.creation.revolve(np.array([(0, 0), (0.027, 0), (0, 0.058)]), sections=32)
-    raise ValueError(f"name must be one of {', '.join(BASIC)}, got {name!r}")
-
-
 @cache
 def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
     """An L of two arms with its corner at the lower left. No turn but a full one leaves it unchanged.
 
     Its arms are equally long, so its mirror image across its diagonal is the same L.
     """
-    shape = unary_union([box(0, 0, size, arm), box(0, 0, arm, size)])
+    shape = union_all([box(0, 0, size, arm), box(0, 0, arm, size)])
     mesh = trimesh.creation.extrude_polygon(shape, height)
     mesh.apply_translation([-size / 2, -size / 2, 0])
     return mesh
@@ -235,19 +202,37 @@ def create_compound(
 
 
 def create_body(
-    client: int, collision: int, visual: int, pose: Pose2, z: float, mass: float, movable: bool, friction: float = 1.0
-) -> Body:
+    client: int, collision: int, visuals: int | Sequence[int], pose: Pose2, z: float, mass: float, movable: bool,
+    friction: float = 1.0, rolling: float = 1e-4,
+) -> Body:  # fmt: skip
     """Put PyBullet's shapes on the table as one body, its origin at height ``z`` (metres)."""
-    body = p.createMultiBody(
-        baseMass=mass if movable else 0.0,
-        baseCollisionShapeIndex=collision,
-        baseVisualShapeIndex=visual,
-        basePosition=(pose.x, pose.y, z),
-        baseOrientation=quaternion(pose.yaw),
+    shapes = [visuals] if isinstance(visuals, int) else visuals
+    place = ((pose.x, pose.y, z), quaternion(pose.yaw))
+    body = create_compound(client, collision, shapes, place, mass if movable else 0.0)
+    p.changeDynamics(body, -1, lateralFriction=friction, rollingFriction=rolling, physicsClientId=client)
+    return Body(body, z, movable)
+
+
+def add_print(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], pose: Pose2, lower: float = 0.0) -> Body:
+    """Print a flat mesh on the table, or on what is ``lower`` metres high. Other bodies do not touch it."""
+    half = mesh.extents[2] / 2
+    return create_body(client, -1, create_visual(client, mesh, color, half), pose, lower + half, 0.0, movable=False)
+
+
+def create_boxes(client: int, boxes: np.ndarray, lower: float) -> tuple[int, trimesh.Trimesh]:
+    """Several boxes in one frame, from their lowest and highest corners (N, 2, 3) (m).
+
+    Returns:
+        Their contact shape, moved down by ``lower`` (m), and their mesh.
+    """
+    half = (boxes[:, 1] - boxes[:, 0]) / 2
+    collision = p.createCollisionShapeArray(
+        [p.GEOM_BOX] * len(boxes),
+        halfExtents=half.tolist(),
+        collisionFramePositions=(boxes.mean(axis=1) - [0, 0, lower]).tolist(),
         physicsClientId=client,
     )
-    p.changeDynamics(body, -1, lateralFriction=friction, rollingFriction=1e-4, physicsClientId=client)
-    return Body(body, z, movable)
+    return collision, trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
 
 
 def add_box(

@@ -9,8 +9,8 @@ import pybullet as p
 import trimesh
 
 from gem_lite.se2 import Pose2
+from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
-from gem_lite.simulation.bodies.solids import RGBA
 
 PLATE = (0.12, 0.12, 0.01)
 """Sides (m) of one of the stand's three plates."""

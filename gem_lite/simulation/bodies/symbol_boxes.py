@@ -5,15 +5,13 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pybullet as p
 import trimesh
-from shapely import affinity
-from shapely.geometry import Point, Polygon, box
-from shapely.ops import unary_union
+from shapely import Point, Polygon, affinity, box, union_all
 
-from gem_lite.se2 import Pose2, quaternion
+from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import Body, create_compound, create_visual
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_boxes, create_visual
+from gem_lite.simulation.bodies.solids import slab
 from gem_lite.simulation.bodies.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
 
 BOX_SIDE = 0.15
@@ -35,19 +33,19 @@ def _arc(start: float, end: float, inner: float, outer: float) -> Polygon:
 
 def _recycle() -> Polygon:
     head = Polygon([(0.48, 0), (1.0, 0), (0.74, 0.42)])
-    arrow = unary_union([_arc(-72, 3, 0.60, 0.88), head])
-    return unary_union([affinity.rotate(arrow, turn, origin=(0, 0)) for turn in (0, 120, 240)])
+    arrow = union_all([_arc(-72, 3, 0.60, 0.88), head])
+    return union_all([affinity.rotate(arrow, turn, origin=(0, 0)) for turn in (0, 120, 240)])
 
 
 def _gear() -> Polygon:
     tooth = Polygon([(0.6, -0.2), (1.0, -0.13), (1.0, 0.13), (0.6, 0.2)])
     teeth = [affinity.rotate(tooth, 45 * i, origin=(0, 0)) for i in range(8)]
-    return unary_union([Point(0, 0).buffer(0.74), *teeth]).difference(Point(0, 0).buffer(0.32))
+    return union_all([Point(0, 0).buffer(0.74), *teeth]).difference(Point(0, 0).buffer(0.32))
 
 
 def _smiley() -> Polygon:
     eyes = [affinity.scale(Point(x, 0.3).buffer(0.15), 0.85, 1.25) for x in (-0.34, 0.34)]
-    return Point(0, 0).buffer(0.97).difference(unary_union([*eyes, _arc(200, 340, 0.48, 0.70)]))
+    return Point(0, 0).buffer(0.97).difference(union_all([*eyes, _arc(200, 340, 0.48, 0.70)]))
 
 
 def _moon() -> Polygon:
@@ -55,12 +53,12 @@ def _moon() -> Polygon:
 
 
 def _arrow() -> Polygon:
-    return unary_union([box(-0.95, -0.17, 0.3, 0.17), Polygon([(0.25, -0.55), (0.25, 0.55), (0.95, 0)])])
+    return union_all([box(-0.95, -0.17, 0.3, 0.17), Polygon([(0.25, -0.55), (0.25, 0.55), (0.95, 0)])])
 
 
 def _house() -> Polygon:
     roof = Polygon([(-0.95, 0.1), (0.95, 0.1), (0, 0.95)])
-    return unary_union([box(-0.7, -0.85, 0.7, 0.15), roof]).difference(box(-0.18, -0.85, 0.18, -0.25))
+    return union_all([box(-0.7, -0.85, 0.7, 0.15), roof]).difference(box(-0.18, -0.85, 0.18, -0.25))
 
 
 _DRAWN = {"recycle": _recycle, "gear": _gear, "smiley": _smiley, "moon": _moon, "arrow": _arrow, "house": _house}
@@ -89,12 +87,7 @@ def _sheets(symbol: str) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     """The paper without the area of the symbol, and the symbol. They do not overlap, so both are visible."""
     ink = symbol_outline(symbol)
     half = BOX_SIDE / 2 - WALL
-    paper = box(-half, -half, half, half).difference(ink)
-    sheets = []
-    for area in (paper, ink):
-        pieces = area.geoms if hasattr(area, "geoms") else [area]
-        sheets.append(trimesh.util.concatenate([trimesh.creation.extrude_polygon(piece, 2 * WALL) for piece in pieces]))
-    return tuple(sheets)
+    return slab(box(-half, -half, half, half).difference(ink), 0, 2 * WALL), slab(ink, 0, 2 * WALL)
 
 
 def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
@@ -103,18 +96,8 @@ def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
     Raises:
         ValueError: the symbol is unknown.
     """
-    boxes = container_boxes((BOX_SIDE, BOX_SIDE))
     lower = CONTAINER_HEIGHT / 2
-    bounds = np.array(boxes, float)  # (N, 2, 3)
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * len(boxes),
-        halfExtents=((bounds[:, 1] - bounds[:, 0]) / 2).tolist(),
-        collisionFramePositions=(bounds.mean(axis=1) - [0, 0, lower]).tolist(),
-        physicsClientId=client,
-    )
-    walls = trimesh.util.concatenate([trimesh.creation.box(bounds=box_bounds) for box_bounds in bounds])
+    collision, walls = create_boxes(client, np.array(container_boxes((BOX_SIDE, BOX_SIDE))), lower)
     colored = zip((walls, *_sheets(symbol)), (WALLS, PAPER, INK), strict=True)
     visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
-    body = create_compound(client, collision, visuals, ((pose.x, pose.y, lower), quaternion(pose.yaw)), 0.0)
-    p.changeDynamics(body, -1, lateralFriction=FRICTION, physicsClientId=client)
-    return Body(body, lower, movable=False)
+    return create_body(client, collision, visuals, pose, lower, 0.0, False, FRICTION, rolling=0.0)

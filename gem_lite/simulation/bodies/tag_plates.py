@@ -7,12 +7,12 @@ from functools import cache
 import cv2
 import numpy as np
 import trimesh
-from shapely.geometry import Polygon, box
-from shapely.ops import unary_union
+from shapely import box, union_all
 
 from gem_lite.rgbd.tags import DICTIONARY, SQUARES, TAG_COUNT, TAG_SIDE
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.shapes import create_body, create_visual
+from gem_lite.simulation.bodies.solids import slab
 
 PLATE = TAG_SIDE * (SQUARES + 2) / SQUARES
 """Length (m) of the side of a plate: a tag and its white margin."""
@@ -27,14 +27,9 @@ def _meshes(number: int) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     rows, cols = np.nonzero(bitmap == 0)
     x = -TAG_SIDE / 2 + cols * side
     y = TAG_SIDE / 2 - rows * side
-    black = unary_union([box(left, top - side, left + side, top) for left, top in zip(x, y, strict=True)])
+    black = union_all([box(left, top - side, left + side, top) for left, top in zip(x, y, strict=True)])
     white = box(-PLATE / 2, -PLATE / 2, PLATE / 2, PLATE / 2).difference(black)
-    return _slab(white), _slab(black)
-
-
-def _slab(area: Polygon) -> trimesh.Trimesh:
-    pieces = getattr(area, "geoms", [area])
-    return trimesh.util.concatenate([trimesh.creation.extrude_polygon(piece, 0.001) for piece in pieces])
+    return slab(white, 0, 0.001), slab(black, 0, 0.001)
 
 
 def add_tag(client: int, number: int, pose: Pose2) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pybullet as p
-import trimesh
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.shapes import Body, create_body, create_boxes, create_visual
 
 WALL = 0.002
 """Thickness (m) of walls and floors, as in CLIPort."""
@@ -63,16 +61,8 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
 
 
 def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:
-    bounds = np.array(boxes, float)  # (N, 2, 3)
+    bounds = np.array(boxes, float)
     lower = bounds[..., 2].max() / 2
-    half = (bounds[:, 1] - bounds[:, 0]) / 2
-    centres = bounds.mean(axis=1) - [0, 0, lower]
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * len(boxes),
-        halfExtents=half.tolist(),
-        collisionFramePositions=centres.tolist(),
-        physicsClientId=client,
-    )
-    mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in bounds])
+    collision, mesh = create_boxes(client, bounds, lower)
     visual = create_visual(client, mesh, color, lower)
     return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from shapely import affinity, contains_xy
 
+from experiments.clip_tabletop import tiles
 from gem_lite.actions import PickPlace
 from gem_lite.foundations import colors
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import tiles
 from gem_lite.simulation.rendering import render
 
 BLUE, YELLOW = colors.rgba("blue"), colors.rgba("yellow")

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from functools import cache
 from string import ascii_uppercase, digits
-from typing import cast
 
 import numpy as np
 import pybullet as p
 import trimesh
-from shapely import affinity
-from shapely.geometry import Polygon, box
+from shapely import Polygon, affinity, box, union_all
 from shapely.geometry.base import BaseGeometry as Area
-from shapely.ops import unary_union
 
-from gem_lite.se2 import Pose2, quaternion
-from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body, create_compound, create_visual, letter_outline
-from gem_lite.simulation.bodies.solids import RGBA, slab
+from gem_lite.se2 import Pose2
+from gem_lite.simulation.bodies.parts import RGBA
+from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body, create_body, create_visual, letter_outline
+from gem_lite.simulation.bodies.solids import join, slab
 
 LETTERS = tuple(f"letter {letter}" for letter in ascii_uppercase)
 DIGITS = tuple(f"digit {digit}" for digit in digits)
@@ -99,9 +97,7 @@ def _add(client: int, meshes: Meshes, size: tuple[float, float, float], color: R
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     colored = zip(meshes, (color, ink_on(color)), strict=True)
     visuals = [create_visual(client, mesh, rgba, lower=0.0) for mesh, rgba in colored]
-    body = create_compound(client, collision, visuals, ((pose.x, pose.y, half[2]), quaternion(pose.yaw)), mass)
-    p.changeDynamics(body, -1, lateralFriction=1.0, rollingFriction=1e-4, physicsClientId=client)
-    return Body(body, half[2], movable=True)
+    return create_body(client, collision, visuals, pose, half[2], mass, movable=True)
 
 
 # Areas
@@ -115,7 +111,7 @@ def tile_ink(name: str) -> Area:
     glyph = affinity.scale(glyph, shrink, shrink, origin=(0, 0))
     low = -(GLYPH[1] + BAR_GAP + BAR[1]) / 2
     glyph = affinity.translate(glyph, 0, low + BAR[1] + BAR_GAP + GLYPH[1] / 2)
-    return unary_union([glyph, box(-BAR[0] / 2, low, BAR[0] / 2, low + BAR[1])])
+    return union_all([glyph, box(-BAR[0] / 2, low, BAR[0] / 2, low + BAR[1])])
 
 
 @cache
@@ -124,7 +120,7 @@ def pattern(texture: str, width: float, height: float) -> Area:
     if texture == "striped":
         count = 2 * round((width / STRIPE - 1) / 2) + 1  # odd: the outer stripes have the body's colour
         edges = np.linspace(-width / 2, width / 2, max(3, count) + 1)
-        return unary_union([box(edges[i], -height / 2, edges[i + 1], height / 2) for i in range(1, len(edges) - 2, 2)])
+        return union_all([box(edges[i], -height / 2, edges[i + 1], height / 2) for i in range(1, len(edges) - 2, 2)])
     pitch = CHECK if texture == "checkered" else DOT_GRID
     columns, rows = max(1, round(width / pitch)), max(1, round(height / pitch))
     dx, dy = width / columns, height / rows
@@ -134,10 +130,10 @@ def pattern(texture: str, width: float, height: float) -> Area:
 
     if texture == "checkered":
         cells = [(i, j) for i in range(columns) for j in range(rows) if (i + j) % 2 == 0]
-        return unary_union([box(*corner(i, j), *corner(i + 1, j + 1)) for i, j in cells])
+        return union_all([box(*corner(i, j), *corner(i + 1, j + 1)) for i, j in cells])
     inner = [corner(i, j) for i in range(1, columns) for j in range(1, rows)]
     middles = [(x + dx / 2, y + dy / 2) for x, y in (corner(i, j) for i in range(columns) for j in range(rows))]
-    return unary_union([_dot(x, y) for x, y in inner + middles])
+    return union_all([_dot(x, y) for x, y in inner + middles])
 
 
 def _dot(x: float, y: float) -> Polygon:
@@ -155,10 +151,6 @@ def _upper(area: Area, z: float) -> trimesh.Trimesh:
     return mesh
 
 
-def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    return cast(trimesh.Trimesh, trimesh.util.concatenate(meshes))
-
-
 def _flat(outline: Polygon, ink: Area, thickness: float) -> Meshes:
     """A plate with an inked area on its upper face."""
     top = thickness / 2
@@ -166,7 +158,7 @@ def _flat(outline: Polygon, ink: Area, thickness: float) -> Meshes:
     sides.update_faces(sides.face_normals[:, 2] < 0.5)
     core = _upper(outline, top - SUNK)
     ink = ink.intersection(outline)
-    return _joined([sides, core, _upper(outline.difference(ink), top)]), _upper(ink, top)
+    return join(sides, core, _upper(outline.difference(ink), top)), _upper(ink, top)
 
 
 @cache
@@ -195,4 +187,4 @@ def _block(texture: str, size: tuple[float, float, float]) -> Meshes:
         rest = box(-width / 2, -height / 2, width / 2, height / 2).difference(ink)
         plain.append(_upper(rest, distance / 2).apply_transform(turn))
         inked.append(_upper(ink, distance / 2).apply_transform(turn))
-    return _joined(plain), _joined(inked)
+    return join(*plain), join(*inked)
