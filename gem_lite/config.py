@@ -108,9 +108,9 @@ class Config:
         parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
         locations: whether a location word chooses among the responses of a semantic map
-            (`maps.location_words.located`), for methods whose networks or gates have one.
+            (`maps.query_maps.located`), for methods whose networks or gates have one.
         location_code: whether the networks get the location words of a phrase besides its embedding
-            (`maps.location_words.code`).
+            (`language.location_code`).
         empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.

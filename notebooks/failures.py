@@ -15,7 +15,7 @@ from gem_lite import tasks
 from gem_lite.actions import Action, ExpertAction, Push
 from gem_lite.evaluation.rollout import Observations, rollout
 from gem_lite.policies.base import Policy
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.environment import body_at
 from gem_lite.simulation.world import World

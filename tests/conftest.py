@@ -15,6 +15,7 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 import pytest  # noqa: E402
 from nbval.plugin import IPyNbCell  # noqa: E402
 
+from gem_lite import clip  # noqa: E402
 from gem_lite.evaluation import collecting  # noqa: E402
 from gem_lite.foundations import registry  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
@@ -38,6 +39,12 @@ class StagedTask(Task):
 
     def expert(self, world):
         return None
+
+
+@pytest.fixture(scope="session")
+def model():
+    """The embedded CLIP."""
+    return clip.load()
 
 
 @pytest.fixture(scope="session")

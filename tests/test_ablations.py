@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from gem_lite import clip
-from gem_lite.maps import location_words, semantic_map, sources
+from gem_lite.maps import query_maps, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.checkpoints import load_policy, save_policy
@@ -253,7 +253,7 @@ def test_location_words_change_only_what_another_response_owns(ending, model, de
             assert np.array_equal(word, plain)
         else:
             row, col = np.unravel_index(word.argmax(), word.shape)
-            assert word.max() > plain.max() - location_words.WITHIN and word[row, col] == plain[row, col]
+            assert word.max() > plain.max() - query_maps.WITHIN and word[row, col] == plain[row, col]
 
 
 def test_a_location_word_acts_on_the_fused_map_and_on_the_text_map(model, demos):
@@ -266,7 +266,7 @@ def test_a_location_word_acts_on_the_fused_map_and_on_the_text_map(model, demos)
     maps = policy.maps(scene, "left block")
     assert free.image is not None and not np.array_equal(free.fused, free.text)
     for name in ("text", "fused"):
-        expected = location_words.located(getattr(free, name), "left", SMALL.workspace)
+        expected = query_maps.located(getattr(free, name), "left", SMALL.workspace)
         assert np.array_equal(getattr(maps, name), expected)
         assert not np.array_equal(expected, getattr(free, name))
 

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from gem_lite import clip
-from gem_lite.maps import location_words
+from gem_lite.language import LOCATION_CODE_LENGTH
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.inputs import Inputs, numbered_steps
@@ -19,7 +19,7 @@ from gem_lite.training import train
 from gem_lite.training.train import make_batch
 
 D, WIDTH, INNER = 16, 24, (12, 6)
-L = D + location_words.CODE_LENGTH
+L = D + LOCATION_CODE_LENGTH
 """The length of what the networks get of a phrase."""
 COARSE = {"cliport": (WIDTH, *INNER), "cliport-grounded": (D, *INNER)}
 """Channels of what CLIP says of a picture's places, where a method asks it: the last features, then inner ones."""

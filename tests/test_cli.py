@@ -211,9 +211,8 @@ def test_a_methods_name_sets_what_it_switches_off(started):
 def test_a_module_from_outside_is_loaded_before_names_are_read(tmp_path):
     (tmp_path / "my_method.py").write_text(
         "from gem_lite.policies import methods, transporter\n"
-        "@methods.register\n"
-        "class Mine(transporter.TransporterLan):\n"
-        "    method = 'mine'\n"
+        "@methods.METHODS.register('mine')\n"
+        "class Mine(transporter.TransporterLan): ...\n"
     )
     command = [sys.executable, "-m", "gem_lite.cli", "train", "no-demos", "b.safetensors", "--method", "mine"]
     for words, sentence in ((["--import", "my_method"], "no-demos holds no demonstrations"), ([], "got 'mine'")):

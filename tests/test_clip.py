@@ -20,11 +20,6 @@ from gem_lite.foundations import colors
 from gem_lite.maps import patches, semantic_map
 
 
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
-
-
 def test_embeddings_are_unit_length_and_deterministic(model):
     texts = model.embed_texts(["red block", "green bowl", "red block"])
     assert texts.shape == (3, model.dim)

@@ -10,16 +10,14 @@ import torch
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
-from gem_lite.maps import location_words
 from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.base import Policy
-from gem_lite.policies.gates import Gate, gated, near_peak
+from gem_lite.policies.choosing import Gate, gated, near_peak
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import Inputs
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.world import World
 
 D = 16
 SMALL = dataclasses.replace(
@@ -97,31 +95,23 @@ def test_the_whole_thing_is_near_and_no_other():
 
 
 @pytest.fixture(scope="module")
-def multi():
-    return checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load())
+def multi(model):
+    return checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", model)
 
 
-def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi):
+def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi, world):
     # Before, "near" ended within the rope: 6 of 37 of the expert's picks were forbidden.
-    allowed = []
-    with World() as world:
-        for index in range(3):
-            task = tasks.make("align-rope", "val")
-            (observation,) = world.reset(task, tasks.episode_seed("val", index))
-            for _ in range(4):
-                expert = task.expert(world)
-                if expert is None:
-                    break
-                action = expert.action
-                scene = multi.embed(observation.views)
-                queries = multi.read(task.instruction)
-                gate = multi.gates(observation.views, multi.inputs(scene, queries), queries)["pick"]
-                cells = gated([{"pick": gate}], "pick", EVERYWHERE[None])[0]
-                assert cells.float().mean() < 0.1
-                allowed.append(bool(cells[multi.config.workspace.nearest_cell(action.pick.x, action.pick.y)]))
-                step = world.step(action)
-                (observation,) = step.observations
-    assert len(allowed) > 8 and all(allowed)
+    for index in range(2):
+        task = tasks.make("align-rope", "val")
+        (observation,) = world.reset(task, tasks.episode_seed("val", index))
+        for _ in range(3):
+            pick = task.expert(world).action.pick
+            queries = multi.read(task.instruction)
+            gates = multi.gates(observation.views, multi.inputs(multi.embed(observation.views), queries), queries)
+            cells = gated([gates], "pick", EVERYWHERE[None])[0]
+            assert cells.float().mean() < 0.1
+            assert cells[multi.config.workspace.nearest_cell(pick.x, pick.y)]
+            (observation,) = world.step(task.expert(world).action).observations
 
 
 def test_a_push_may_start_away_from_the_peak_of_its_map():
@@ -178,7 +168,7 @@ def test_acting_leaves_the_mode_as_it_was(training):
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.float64])
 def test_another_precision_is_refused_in_one_sentence(dtype):
-    policy = policy_of("transporter-lan").to(dtype)  # e2cnn's kernels share their bases: GEM's would change for all
+    policy = policy_of("gem").to(dtype)
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
     with pytest.raises(ValueError, match=r"computes in float32, got torch.float(16|64): call its float"):
         policy.choose("", Queries("block", "square"), None, inputs)
@@ -208,7 +198,7 @@ def test_a_trained_policy_acts_by_other_rules_and_keeps_its_networks(multi):
         multi.act_as(methods.find("cliport-multi")[1])
 
 
-class _Map:
+class Painted:
     """A source whose maps are given, by the query."""
 
     uses_views = False
@@ -226,8 +216,8 @@ class _Map:
 def test_a_rival_with_the_rules_keeps_to_the_same_cells_as_gem(monkeypatch):
     rival = policy_of("transporter-lan", map_rules=True)
     two = spots((40, 20, 1.0), (40, 60, 1.0))
-    monkeypatch.setattr(rival, "_rival_gates", rival.__class__._rival_gates.func(rival))
-    rival._rival_gates.source = _Map({"red block": spots((100, 40, 1.0)), "left star hole": two, "star hole": two})
+    maps = {"red block": spots((100, 40, 1.0)), "left star hole": two, "star hole": two}
+    monkeypatch.setattr(rival, "_map_source", Painted(maps))
     gates = rival.gates((), None, Queries("red block", "left star hole"))
     pick = scores_at((0, 10, 10, 5.0), (3, 101, 40, 1.0))
     place = scores_at((0, 40, 60, 5.0), (1, 41, 20, 1.0))
@@ -236,7 +226,6 @@ def test_a_rival_with_the_rules_keeps_to_the_same_cells_as_gem(monkeypatch):
     assert set(rival.gates((), None, Queries("red block", "star hole"))) == {"pick"}, "as GEM's place, free"
     assert set(rival.gates((), None, Queries("red block", "left star hole", push=True))) == {"place"}
     assert policy_of("transporter-lan").gates((), None, Queries("red block", "left star hole")) == {}
-    assert location_words.location_word("left star hole") == "left"
 
 
 @pytest.mark.parametrize("name", ["transporter-lan-with-one-pick-angle", "cliport-with-one-pick-angle"])

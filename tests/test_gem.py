@@ -94,6 +94,15 @@ def test_place_kernel_turns_with_its_crop():
     assert not torch.allclose(kernel(torch.rot90(crop, 1, dims=(-2, -1))), torch.rot90(kernel(crop), 3, dims=(-2, -1)))
 
 
+def test_a_place_kernel_in_another_precision_leaves_the_others_as_they_are():
+    one, other = (disturb(CropKernel(5, 3, 2)) for _ in range(2))
+    crop = torch.randn(1, 5, 17, 17)
+    before = one(crop), other(crop)
+    assert torch.allclose(one.double()(crop.double()).float(), before[0], atol=1e-4)
+    assert torch.equal(other(crop), before[1])
+    assert torch.allclose(one.float()(crop), before[0], atol=1e-6)
+
+
 def best_cell(logits: torch.Tensor) -> tuple[int, int, int]:
     angle, rest = divmod(int(logits[0].argmax()), logits.shape[-2] * logits.shape[-1])
     return angle, *divmod(rest, logits.shape[-1])

@@ -6,32 +6,81 @@ import pytest
 from experiments.clip_tabletop import vocabulary
 from gem_lite import language, tasks
 from gem_lite.foundations import colors
-from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, word_lists
-from gem_lite.maps import location_words
+from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, split_location, word_lists
+from gem_lite.policies.transporter import TransporterConfig, TransporterLan
 from gem_lite.simulation.bodies import objects, ropes, shapes
 from gem_lite.tasks import stack_block_pyramid
+
+
+def table(text):
+    """The cells of a table with a case in each line: a | b | c."""
+    return [line.strip().split(" | ") for line in text.strip().splitlines()]
+
+
+READ = """
+    put the red blocks in a green bowl | red blocks | green bowl
+    pick the red block and place into the brown box | red block | brown box
+    pack the star in the brown box | star | brown box
+    grasp the scissors by its handle and place into the brown box | scissors handle | brown box
+    grasp the mug by the handle and put it on the tray | mug handle | tray
+    put the red block on the green and blue blocks | red block | green and blue blocks
+    put the red and blue blocks in the bowl | red and blue blocks | bowl
+    pick up the red block and put it on top of the green one | red block | green one
+    pick the block then drop it in the bowl | block | bowl
+    pick the red block, and place it in the box | red block | box
+    put all of the red blocks in a box | red blocks | box
+    pack the yellow ring inside the brown box | yellow ring | brown box
+    put the tonic into box | tonic | box
+    put the red block in the bowl on the left | red block | left bowl
+    could you move the duck over to the bowl | duck | bowl
+    Can you please put the duck into the bowl? | duck | bowl
+    stack the red block atop the blue block | red block | blue block
+    put the red block in the bowl please | red block | bowl
+    put the red block in the bowl now, please. | red block | bowl
+    put the red block in the bowl for me, thank you! | red block | bowl
+    pick the mug up and place it in the box | mug | box
+    put the block down on the tray | block | tray
+    pick the red block, the mug and the blue block and put them in the box | red block, the mug and the blue block | box
+    put the red block on the left in the bowl on the right | left red block | right bowl
+    put one of the blocks in the middle bowl | blocks | middle bowl
+    put the mug with orange stripes in the box | mug with orange stripes | box
+    insert the key into the jelly mould | key | jelly mould
+    pick the red block and then place it in the box | red block | box
+    pick the red block, place it in the box | red block | box
+    Please, put the red block in the box | red block | box
+    Please align the rope from front left tip to back left corner. | rope | front left tip to back left corner
+"""
+OF_THE_PAPER = """
+    put the red letter A shape in the left letter A shape hole | red letter a shape | left letter a shape hole
+    pack all the red and blue blocks into the brown box | red and blue blocks | brown box
+    pack the black and blue sneakers in the brown box | black and blue sneakers | brown box
+    pack the can opener in the brown box | can opener | brown box
+    put the cyan block on the lightest brown block | cyan block | lightest brown block
+    put the cyan block on the middle brown block | cyan block | middle brown block
+    move the red ring to the lighter brown side | red ring | lighter brown side
+    move the red ring to the middle of the stand | red ring | middle of the stand
+    pick the blue mug handle and place into brown box | blue mug handle | brown box
+    pick blue letter E block and place onto green plate | blue letter e block | green plate
+    pick yellow block and place on gray and red block | yellow block | gray and red block
+    pick the yellow block on gray plate | yellow block | gray plate
+    pick the yellow pentagon block and place into green bowl | yellow pentagon block | green bowl
+    pick black headphone and place into recycle box | black headphone | recycle box
+    pick all toys and place into brown box | toys | brown box
+    Grasp the mug by its handle and put it in the box | mug handle | box
+"""
+"""Of the benchmark's and the paper's tasks."""
+LETTERS = "pick the green letter R shape and place into the green letter R block hole"
+SHOES = "black shoe with orange stripes objects"
 
 
 @pytest.mark.parametrize(
     ("instruction", "pick", "place"),
     [
-        ("put the red blocks in a green bowl", "red blocks", "green bowl"),
-        ("pick the red block and place into the brown box", "red block", "brown box"),
-        ("pack the star in the brown box", "star", "brown box"),
-        ("grasp the scissors by its handle and place into the brown box", "scissors handle", "brown box"),
-        ("grasp the mug by the handle and put it on the tray", "mug handle", "tray"),
-        ("put the red block on the green and blue blocks", "red block", "green and blue blocks"),
-        ("put the red and blue blocks in the bowl", "red and blue blocks", "bowl"),
-        ("pick up the red block and put it on top of the green one", "red block", "green one"),
-        ("pick the block then drop it in the bowl", "block", "bowl"),
-        ("pick the red block, and place it in the box", "red block", "box"),
-        ("put all of the red blocks in a box", "red blocks", "box"),
-        ("pack the yellow ring inside the brown box", "yellow ring", "brown box"),
-        # A preposition inside a word is none, and the first real one divides.
-        ("put the tonic into box", "tonic", "box"),
-        ("put the red block in the bowl on the left", "red block", "left bowl"),
+        *table(READ), *table(OF_THE_PAPER),
+        (LETTERS, "green letter r shape", "green letter r block hole"),
+        (f"pack all the {SHOES} in the brown box", SHOES, "brown box"),
     ],
-)
+)  # fmt: skip
 def test_instructions(instruction, pick, place):
     assert parse(instruction) == Queries(pick, place)
 
@@ -39,104 +88,101 @@ def test_instructions(instruction, pick, place):
 @pytest.mark.parametrize(
     "written",
     [
-        "Put the RED block in the Green Bowl",
-        "put the red block in the green bowl.",
-        "put the red block in the green bowl!",
-        "  put  the red   block in the green  bowl  ",
-        "put\tthe red block\nin the green bowl",
-        "please put the red block in the green bowl",
+        "Put the RED block in the Green Bowl", "put the red block in the green bowl.",
+        "put the red block in the green bowl!", "  put  the red   block in the green  bowl  ",
+        "put\tthe red block\nin the green bowl", "please put the red block in the green bowl",
     ],
-)
+)  # fmt: skip
 def test_spelling_does_not_matter(written):
     assert parse(written) == Queries("red block", "green bowl")
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != word_lists.ALIGNING])
-def test_every_verb_begins_an_instruction(verb):
-    assert parse(f"{verb} the red block on the box") == Queries("red block", "box", push=verb == word_lists.PUSHING)
+def test_every_verb_begins_an_instruction_and_push_asks_for_a_push():
+    for verb in VERBS:
+        if verb != word_lists.ALIGNING:
+            assert parse(f"{verb} the red block on the box") == Queries("red block", "box", push=verb == "push")
+    assert str(parse("push the pile of blocks into the green square")) == "push pile of blocks to green square"
 
 
-@pytest.mark.parametrize("color", colors.RGB)
-def test_every_colour_survives(color):
-    assert parse(f"put the {color} blocks in a {color} bowl") == Queries(f"{color} blocks", f"{color} bowl")
+WRONG = """
+    put in the green bowl | names nothing to pick
+    put | nothing to pick
+    pick the red block | names no place
+    put the red block in | names no place
+    put the red block in the | names no place
+    pick the red block and place | names no place
+    the red block in the green bowl | known verb
+    pickle the red block in the bowl | known verb
+    ? | known verb
+    don't put the block in the bowl | does not begin with a known verb
+    align the rope to the wall | must say what to align
+    align the rope from the left corner | must say what to align
+    align the rope from one tip to the other, gently | leftover words 'other, gently'
+    pick up the yellow screwdriver | names no place
+    grasp the coffee mug by its handle | names no place
+    pick banana crown | names no place
+    put the block on the left | names no place
+    put the block on top | names no place
+    put the red block in the bowl and the blue one | names several places, 'bowl and the blue one'
+    put the red block in the bowl and the blue block | names several places
+    put the red block in the green bowl and the blue bowl | names several places
+    put the red block in both bowls | says 'both' of a place
+    put the red block in each of the bowls | says 'each' of a place
+    put the red block in the red and the | names nothing on one side of 'and'
+    put the red block in the bowl in 5 minutes | leftover words 'in 5 minutes'
+    grasp the mug by its left handle and put it in the box | says 'left' where it is not understood
+    grasp by its handle and put it in the box | leftover words 'by its handle
+"""
 
 
-@pytest.mark.parametrize(
-    ("instruction", "message"),
-    [
-        ("", "is empty"),
-        (" \t\n", "is empty"),
-        ("put in the green bowl", "names no"),
-        ("put", "nothing to pick"),
-        ("pick the red block", "names no place"),
-        ("put the red block in", "names no place"),
-        ("put the red block in the", "names no place"),
-        ("pick the red block and place", "names no place"),
-        ("the red block in the green bowl", "known verb"),
-        ("pickle the red block in the bowl", "known verb"),
-        ("?", "known verb"),
-    ],
-)
+@pytest.mark.parametrize(("instruction", "message"), [("", "is empty"), (" \t\n", "is empty"), *table(WRONG)])
 def test_what_is_wrong_is_said(instruction, message):
-    with pytest.raises(ValueError, match=message) as error:
+    with pytest.raises(ValueError, match=re.escape(message)) as error:
         parse(instruction)
-    # Whoever reads it learns what would have worked.
-    assert "put the red block in the green bowl" in str(error.value)
+    assert language.EXAMPLE in str(error.value)  # Whoever reads it learns what would have worked.
 
 
-def test_no_pick_is_called_no_pick():
-    with pytest.raises(ValueError, match="nothing to pick"):
-        parse("put in the green bowl")
-
-
-@pytest.mark.parametrize(
-    "instruction", ["pick the red block and then place it in the box", "pick the red block, place it in the box"]
-)
-def test_other_joints_between_the_verbs(instruction):
-    assert parse(instruction) == Queries("red block", "box")
-
-
-def test_please_with_a_comma():
-    assert parse("Please, put the red block in the box") == Queries("red block", "box")
+LEFT_OVER = """
+    move the mug / from the left box to the right box
+    put the mug / next to the teapot
+    put the red block in the box and the blue block / into the bowl
+    put the red block in the box / and place the blue block in the bowl
+    pick the red block and put / the blue block in the bowl
+    put the red block in the bowl / on the green plate
+    pick the block on the tray / and place it in the box
+    put the red block in the bowl / and leave
+    take the block / and deposit into the bowl
+    put the fork / and spoon in the box
+    put the mug / by the teapot
+    pick the mug / by the teapot and place it in the box
+    pick the mug and the cup / by their handles and put them in the box
+    put the red block on the bowl / by its handle
+    put the mug / with the handle in the box
+    put the block to the / left of the bowl
+    put the block in / front of the bowl
+    put the block in / between the bowls
+    put the block / close to the bowl
+    push the block / up to the wall
+    put the chair / back in the box
+    put the block / right in the bowl
+    put the red block / gently in the bowl
+    put the red block in the bowl / carefully
+    put the block / that is red in the bowl
+    put the red block, / not the blue one, in the bowl
+    put the big / , red block in the bowl
+    put / it in the bowl
+    put the block in / it
+    put the chess / set in the box
+"""
+"""Sentences; what is behind the slash is not understood."""
 
 
 @pytest.mark.parametrize(
     ("instruction", "leftover"),
     [
-        ("move the mug from the left box to the right box", "from the left box to the right box"),
-        ("put the mug next to the teapot", "next to the teapot"),
-        ("put the red block in the box and the blue block into the bowl", "into the bowl"),
-        ("put the red block in the box and place the blue block in the bowl", "and place the blue block in the bowl"),
-        ("pick the red block and put the blue block in the bowl", "the blue block in the bowl"),
+        *((sentence.replace(" / ", " "), sentence.partition(" / ")[2]) for (sentence,) in table(LEFT_OVER)),
         ("put the red block in the bowl. put the blue block in the box.", ". put the blue block in the box"),
-        ("put the red block in the bowl on the green plate", "on the green plate"),
-        ("pick the block on the tray and place it in the box", "and place it in the box"),
-        ("put the red block in the bowl and leave", "and leave"),
-        ("take the block and deposit into the bowl", "and deposit into the bowl"),
-        ("put the fork and spoon in the box", "and spoon in the box"),
-        ("put the mug by the teapot", "by the teapot"),
-        ("pick the mug by the teapot and place it in the box", "by the teapot and place it in the box"),
-        (
-            "pick the mug and the cup by their handles and put them in the box",
-            "by their handles and put them in the box",
-        ),
-        ("put the red block on the bowl by its handle", "by its handle"),
-        ("put the mug with the handle in the box", "with the handle in the box"),
-        ("put the block to the left of the bowl", "left of the bowl"),
-        ("put the block in front of the bowl", "front of the bowl"),
-        ("put the block in between the bowls", "between the bowls"),
-        ("put the block close to the bowl", "close to the bowl"),
-        ("push the block up to the wall", "up to the wall"),
-        ("put the chair back in the box", "back in the box"),
-        ("put the block right in the bowl", "right in the bowl"),
-        ("put the red block gently in the bowl", "gently in the bowl"),
-        ("put the red block in the bowl carefully", "carefully"),
-        ("put the block that is red in the bowl", "that is red in the bowl"),
-        ("put the red block, not the blue one, in the bowl", "not the blue one, in the bowl"),
         ("put the big, red block in the bowl", ", red block in the bowl"),
-        ("put it in the bowl", "it in the bowl"),
-        ("put the block in it", "it"),
-        ("put the chess set in the box", "set in the box"),
         ('put the "red block" in the bowl', '" red block " in the bowl'),
     ],
 )
@@ -145,91 +191,6 @@ def test_what_is_not_understood_is_named(instruction, leftover):
         parse(instruction)
     assert f"leftover words {leftover!r} that are not understood" in str(error.value)
     assert len(str(error.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("instruction", "pick", "place"),
-    [
-        ("could you move the duck over to the bowl", "duck", "bowl"),
-        ("Can you please put the duck into the bowl?", "duck", "bowl"),
-        ("stack the red block atop the blue block", "red block", "blue block"),
-        ("put the red block in the bowl please", "red block", "bowl"),
-        ("put the red block in the bowl now, please.", "red block", "bowl"),
-        ("put the red block in the bowl for me, thank you!", "red block", "bowl"),
-        ("pick the mug up and place it in the box", "mug", "box"),
-        ("put the block down on the tray", "block", "tray"),
-        (
-            "pick the red block, the mug and the blue block and put them in the box",
-            "red block, the mug and the blue block",
-            "box",
-        ),
-        ("put the red block on the left in the bowl on the right", "left red block", "right bowl"),
-        ("put one of the blocks in the middle bowl", "blocks", "middle bowl"),
-        ("put the mug with orange stripes in the box", "mug with orange stripes", "box"),
-        ("insert the key into the jelly mould", "key", "jelly mould"),
-    ],
-)
-def test_other_wordings(instruction, pick, place):
-    assert parse(instruction) == Queries(pick, place)
-
-
-@pytest.mark.parametrize(
-    ("instruction", "pick", "place"),
-    [
-        # The sentences of the benchmark's and the paper's tasks.
-        (
-            "put the red letter A shape in the left letter A shape hole",
-            "red letter a shape",
-            "left letter a shape hole",
-        ),
-        (
-            "pick the green letter R shape and place into the green letter R block hole",
-            "green letter r shape",
-            "green letter r block hole",
-        ),
-        ("pack all the red and blue blocks into the brown box", "red and blue blocks", "brown box"),
-        (
-            "pack all the black shoe with orange stripes objects in the brown box",
-            "black shoe with orange stripes objects",
-            "brown box",
-        ),
-        ("pack the black and blue sneakers in the brown box", "black and blue sneakers", "brown box"),
-        ("pack the can opener in the brown box", "can opener", "brown box"),
-        ("put the cyan block on the lightest brown block", "cyan block", "lightest brown block"),
-        ("put the cyan block on the middle brown block", "cyan block", "middle brown block"),
-        ("move the red ring to the lighter brown side", "red ring", "lighter brown side"),
-        ("move the red ring to the middle of the stand", "red ring", "middle of the stand"),
-        ("pick the blue mug handle and place into brown box", "blue mug handle", "brown box"),
-        ("pick blue letter E block and place onto green plate", "blue letter e block", "green plate"),
-        ("pick yellow block and place on gray and red block", "yellow block", "gray and red block"),
-        ("pick the yellow block on gray plate", "yellow block", "gray plate"),
-        ("pick the yellow pentagon block and place into green bowl", "yellow pentagon block", "green bowl"),
-        ("pick black headphone and place into recycle box", "black headphone", "recycle box"),
-        ("pick all toys and place into brown box", "toys", "brown box"),
-        ("Grasp the mug by its handle and put it in the box", "mug handle", "box"),
-    ],
-)
-def test_sentences_of_the_paper(instruction, pick, place):
-    assert parse(instruction) == Queries(pick, place)
-
-
-@pytest.mark.parametrize(
-    ("instruction", "message"),
-    [
-        ("align the rope to the wall", "must say what to align"),
-        ("align the rope from the left corner", "must say what to align"),
-        ("align the rope from one tip to the other, gently", "leftover words 'other, gently'"),
-        ("pick up the yellow screwdriver", "names no place"),
-        ("grasp the coffee mug by its handle", "names no place"),
-        ("pick banana crown", "names no place"),
-        ("put the block on the left", "names no place"),
-        ("put the block on top", "names no place"),
-        ("don't put the block in the bowl", "does not begin with a known verb"),
-    ],
-)
-def test_sentences_that_no_pick_and_place_can_follow(instruction, message):
-    with pytest.raises(ValueError, match=message):
-        parse(instruction)
 
 
 TASK_SENTENCE = re.compile(
@@ -249,7 +210,7 @@ def assert_read_as_written(sentence):
         assert conjuncts(phrase) == ((f"{both[1]} blocks", f"{both[2]} blocks") if both else (phrase,))
         first, second, *_ = [*phrase.split(), ""]
         located = first in ("left", "right", "top", "bottom", "middle") and second != "of"
-        assert location_words.location_word(phrase) == (first if located else None)
+        assert split_location(phrase)[0] == (first if located else None)
 
 
 @pytest.mark.parametrize("name", tasks.names())
@@ -273,69 +234,76 @@ def test_the_words_of_the_tasks_in_every_combination():
         assert_read_as_written(f"align the rope from {start} to {end}")
 
 
-def test_an_alignment_has_a_start_and_an_end():
-    queries = parse("Please align the rope from front left tip to back left corner.")
-    assert queries == Queries("rope", "front left tip to back left corner")
+# What the tasks and the vocabulary name
 
-
-def test_only_the_verb_push_asks_for_a_push():
-    queries = parse("push the pile of blocks into the green square")
-    assert queries == Queries("pile of blocks", "green square", push=True)
-    assert str(queries) == "push pile of blocks to green square"
-    assert not parse("put the pile of blocks into the green square").push
-
-
-PLAIN_NOUNS = [
+NOUNS = [
     name
     for noun in (vocabulary.SHAPES | vocabulary.TILES | vocabulary.HOLES | vocabulary.BOXES).values()
     for name in noun
 ]
 
 
-def test_what_the_tasks_build_can_be_named():
-    for noun in ("kit", "rope", "square guide", "middle of the stand", "lighter brown side", "pile of red blocks"):
-        assert parse(f"put the red block on the {noun}") == Queries("red block", noun)
-
-
-@pytest.mark.parametrize("noun", PLAIN_NOUNS)
-def test_every_noun_of_the_vocabulary_can_be_named(noun):
-    assert parse(f"put the red {noun} on the {noun}") == Queries(f"red {noun.lower()}", noun.lower())
-
-
-@pytest.mark.parametrize("color", [name for names in vocabulary.COLORS.values() for name in names])
-def test_every_colour_word_is_an_adjective(color):
-    assert conjuncts(f"{color} and red blocks") == (f"{color} blocks", "red blocks")
+def test_every_colour_and_noun_of_tasks_and_vocabulary_can_be_named():
+    for color in colors.RGB:
+        assert parse(f"put the {color} blocks in a {color} bowl") == Queries(f"{color} blocks", f"{color} bowl")
+    for color in (name for names in vocabulary.COLORS.values() for name in names):
+        assert conjuncts(f"{color} and red blocks") == (f"{color} blocks", "red blocks")
+    built = ("kit", "rope", "square guide", "middle of the stand", "lighter brown side", "pile of red blocks")
+    for noun in (*NOUNS, *built):
+        assert parse(f"put the red block on the {noun}") == Queries("red block", noun.lower())
+    for noun in NOUNS:
+        assert parse(f"put the red {noun} on the box") == Queries(f"red {noun.lower()}", "box")
 
 
 def test_parts_may_be_grasped():
-    for (name, _), parts in vocabulary.PARTS.items():
-        for part in parts:
-            if part != "back":  # "the chair by its back": could as well be "put back"
-                assert parse(f"grasp the {name} by its {part} and put it on the tray") == Queries(
-                    f"{name} {part}", "tray"
-                )
+    parts = [(name, part) for (name, _), parts in vocabulary.PARTS.items() for part in parts]
+    for name, part in (*parts, ("bottle", "middle")):
+        if part != "back":  # "the chair by its back": could as well be "put back"
+            queries = parse(f"grasp the {name} by its {part} and put it on the tray")
+            assert queries == Queries(f"{name} {part}", "tray")
 
 
-@pytest.mark.parametrize(
-    ("phrase", "members"),
-    [
-        ("red block", ("red block",)),
-        ("green and blue blocks", ("green blocks", "blue blocks")),
-        ("the green and the blue block", ("green block", "blue block")),
-        ("red block and the blue mug", ("red block", "blue mug")),
-        ("red, green and blue blocks", ("red blocks", "green blocks", "blue blocks")),
-        ("red, green, and blue blocks", ("red blocks", "green blocks", "blue blocks")),
-        ("red block, the mug and the blue block", ("red block", "mug", "blue block")),
-        ("light brown and darkest brown block", ("light brown block", "darkest brown block")),
-        ("small red and big striped letter e block", ("small red letter e block", "big striped letter e block")),
-        ("orange and mug", ("orange", "mug")),
-        ("salt and pepper", ("salt", "pepper")),
-        ("red and blue blocks on the left", ("red blocks on the left", "blue blocks on the left")),
-        ("sand box", ("sand box",)),
-    ],
-)
+JOINED = """
+    red block | red block
+    green and blue blocks | green blocks + blue blocks
+    the green and the blue block | green block + blue block
+    red block and the blue mug | red block + blue mug
+    red, green and blue blocks | red blocks + green blocks + blue blocks
+    red, green, and blue blocks | red blocks + green blocks + blue blocks
+    red block, the mug and the blue block | red block + mug + blue block
+    light brown and darkest brown block | light brown block + darkest brown block
+    small red and big striped letter e block | small red letter e block + big striped letter e block
+    orange and mug | orange + mug
+    salt and pepper | salt + pepper
+    red and blue blocks on the left | red blocks on the left + blue blocks on the left
+    sand box | sand box
+    red and white ball | red and white ball
+    red, white and blue ball | red, white and blue ball
+    the small red and white tin box | small red and white tin box
+    light and dark brown shoe | light and dark brown shoe
+    black and white scissors | black and white scissors
+    red and white striped towels | red and white striped towels
+    mug with red and blue stripes | mug with red and blue stripes
+    pile of red and blue blocks | pile of red and blue blocks
+    red and white balls | red balls + white balls
+    gray and red block | gray block + red block
+    the red and a white ball | red ball + white ball
+    light and dark brown blocks | light brown blocks + dark brown blocks
+    big and small bowl | big bowl + small bowl
+    red and striped towels | red towels + striped towels
+    red and blue dice | red dice + blue dice
+    red and white objects | red objects + white objects
+    red and white ball and the blue mug | red and white ball + blue mug
+    blue mug and red and white balls | blue mug + red balls + white balls
+    mug with red and blue stripes and green bowl | mug with red and blue stripes + green bowl
+    mug with red stripes and the bowl | mug with red stripes + bowl
+"""
+"""Phrases, and the things that they join. Joined colours are of one thing or of several."""
+
+
+@pytest.mark.parametrize(("phrase", "members"), table(JOINED))
 def test_conjuncts(phrase, members):
-    assert conjuncts(phrase) == members
+    assert conjuncts(phrase) == tuple(members.split(" + "))
 
 
 @pytest.mark.parametrize("phrase", ["", " ", "and", "red and", "and red", "red block, and"])
@@ -344,25 +312,18 @@ def test_conjuncts_of_nothing_are_refused(phrase):
         conjuncts(phrase)
 
 
-@pytest.mark.parametrize("pick", ["", " ", None, 3, np.zeros((2, 2, 3), np.uint8)])
-def test_a_query_is_a_phrase_or_a_picture(pick):
-    with pytest.raises(ValueError, match="pick must be a phrase or an ImageQuery"):
-        Queries(pick, "bowl")
+def test_a_query_is_a_phrase_or_a_picture():
+    picture = np.zeros((4, 4, 3), np.uint8)
+    assert str(Queries(ImageQuery(picture, "this mug"), "bowl")) == "pick this mug, place bowl"
+    for pick in ("", " ", None, 3, picture):
+        with pytest.raises(ValueError, match="pick must be a phrase or an ImageQuery"):
+            Queries(pick, "bowl")
+    for wrong in (picture[..., 0], np.zeros((4, 4, 4), np.uint8), picture[:0], picture.astype(float)):
+        with pytest.raises(ValueError, match=r"picture must be \(H, W, 3\) uint8, got .* (uint8|float64)"):
+            ImageQuery(wrong)
 
 
-@pytest.mark.parametrize("shape", [(4, 4), (4, 4, 4), (0, 4, 3)])
-def test_what_is_no_picture_is_no_query(shape):
-    with pytest.raises(ValueError, match=r"picture must be \(H, W, 3\) uint8"):
-        ImageQuery(np.zeros(shape, np.uint8))
-    with pytest.raises(ValueError, match="float64"):
-        ImageQuery(np.zeros((4, 4, 3)))
-
-
-def test_queries_are_named_in_figures():
-    assert str(Queries(ImageQuery(np.zeros((4, 4, 3), np.uint8), "this mug"), "bowl")) == "pick this mug, place bowl"
-
-
-# Location words -----------------------------------------------------------------------------------------
+# Location words
 
 
 @pytest.mark.parametrize(
@@ -379,28 +340,28 @@ def test_every_wording_of_a_location_means_the_same(written, sentence):
     assert parse_thing(written) == "left red block"
 
 
-@pytest.mark.parametrize(
-    ("written", "phrase"),
-    [
-        ("the block in the middle", "middle block"),
-        ("the block in the centre", "middle block"),
-        ("the central block", "middle block"),
-        ("the topmost block", "top block"),
-        ("the bottom block", "bottom block"),
-        ("the pile of red blocks on the right", "right pile of red blocks"),
-        ("the red and white flashlight on the left", "left red and white flashlight"),
-        # Names with the same words, and places of things so named.
-        ("the top hat", "top hat"),
-        ("the black top hat on the left", "left black top hat"),
-        ("the left shoe", "left shoe"),
-        ("the shoe on the left", "leftmost shoe"),
-        ("the leftmost shoes", "leftmost shoes"),
-        ("the left shoe on the right", "right left shoe"),
-        ("the left and right shoes", "left and right shoes"),
-        ("the middle of the stand", "middle of the stand"),
-        ("the spinning top", "spinning top"),
-    ],
-)
+LOCATED = """
+    the block in the middle | middle block
+    the block in the centre | middle block
+    the central block | middle block
+    the topmost block | top block
+    the bottom block | bottom block
+    the pile of red blocks on the right | right pile of red blocks
+    the red and white flashlight on the left | left red and white flashlight
+    the top hat | top hat
+    the black top hat on the left | left black top hat
+    the left shoe | left shoe
+    the shoe on the left | leftmost shoe
+    the leftmost shoes | leftmost shoes
+    the left shoe on the right | right left shoe
+    the left and right shoes | left and right shoes
+    the middle of the stand | middle of the stand
+    the spinning top | spinning top
+"""
+"""Also names with the same words, and places of things so named."""
+
+
+@pytest.mark.parametrize(("written", "phrase"), table(LOCATED))
 def test_location_words_and_names(written, phrase):
     assert parse(f"put {written} in the bowl") == Queries(phrase, "bowl")
     assert parse(f"put the mug on the {phrase}").place == phrase
@@ -432,15 +393,7 @@ def test_location_words_that_are_not_understood_are_refused(thing):
         parse_thing(thing)
 
 
-def test_the_part_of_a_thing_has_no_location_word():
-    with pytest.raises(ValueError, match="says 'left' where it is not understood"):
-        parse("grasp the mug by its left handle and put it in the box")
-    assert parse("grasp the bottle by its middle and put it in the box") == Queries("bottle middle", "box")
-    with pytest.raises(ValueError, match="leftover words 'by its handle"):
-        parse("grasp by its handle and put it in the box")
-
-
-# What no phrase contains --------------------------------------------------------------------------------
+# What no phrase contains
 
 
 @pytest.mark.parametrize(
@@ -480,24 +433,6 @@ def test_things_that_need_more_than_a_name_are_refused(thing):
 
 
 @pytest.mark.parametrize(
-    ("place", "message"),
-    [
-        ("the bowl and the blue one", "names several places, 'bowl and the blue one'"),
-        ("the bowl and the blue block", "names several places"),
-        ("the green bowl and the blue bowl", "names several places"),
-        ("both bowls", "says 'both' of a place"),
-        ("each of the bowls", "says 'each' of a place"),
-        ("the red and the", "names nothing on one side of 'and'"),
-        ("the bowl in 5 minutes", "leftover words 'in 5 minutes'"),
-    ],
-)
-def test_a_place_is_one(place, message):
-    with pytest.raises(ValueError, match=message) as error:
-        parse(f"put the red block in {place}")
-    assert language.EXAMPLE in str(error.value)
-
-
-@pytest.mark.parametrize(
     "name",
     [
         # Of CLIPort's scanned objects, those with colours, features, numbers and odd words.
@@ -515,39 +450,7 @@ def test_names_are_no_reason_to_refuse(name):
     assert parse(f"pack the {name} in the brown box") == Queries(name, "brown box")
     assert parse(f"pack all the {name} objects in the brown box") == Queries(f"{name} objects", "brown box")
     assert conjuncts(name) == (name,) and conjuncts(f"{name} objects") == (f"{name} objects",)
-    assert location_words.location_word(name) is None
-
-
-@pytest.mark.parametrize(
-    ("phrase", "members"),
-    [
-        # One thing of several colours.
-        ("red and white ball", ("red and white ball",)),
-        ("red, white and blue ball", ("red, white and blue ball",)),
-        ("the small red and white tin box", ("small red and white tin box",)),
-        ("light and dark brown shoe", ("light and dark brown shoe",)),
-        ("black and white scissors", ("black and white scissors",)),
-        ("red and white striped towels", ("red and white striped towels",)),
-        ("mug with red and blue stripes", ("mug with red and blue stripes",)),
-        ("pile of red and blue blocks", ("pile of red and blue blocks",)),
-        # Several things.
-        ("red and white balls", ("red balls", "white balls")),
-        ("gray and red block", ("gray block", "red block")),
-        ("the red and a white ball", ("red ball", "white ball")),
-        ("light and dark brown blocks", ("light brown blocks", "dark brown blocks")),
-        ("big and small bowl", ("big bowl", "small bowl")),
-        ("red and striped towels", ("red towels", "striped towels")),
-        ("red and blue dice", ("red dice", "blue dice")),
-        ("red and white objects", ("red objects", "white objects")),
-        # Both.
-        ("red and white ball and the blue mug", ("red and white ball", "blue mug")),
-        ("blue mug and red and white balls", ("blue mug", "red balls", "white balls")),
-        ("mug with red and blue stripes and green bowl", ("mug with red and blue stripes", "green bowl")),
-        ("mug with red stripes and the bowl", ("mug with red stripes", "bowl")),
-    ],
-)
-def test_joined_colours_are_of_one_thing_or_of_several(phrase, members):
-    assert conjuncts(phrase) == members
+    assert split_location(name)[0] is None
 
 
 @pytest.mark.parametrize(
@@ -556,3 +459,18 @@ def test_joined_colours_are_of_one_thing_or_of_several(phrase, members):
 def test_what_is_no_thing_alone_is_refused(text):
     with pytest.raises(ValueError, match="the instruction"):
         parse_thing(text)
+
+
+def test_a_parser_may_give_several_goals(model, demo_set):
+    def each(sentence):
+        things, places = zip(*(part.split(" in the ") for part in sentence.split(" and ")), strict=True)
+        return tuple(map(Queries, things, places))
+
+    policy = TransporterLan(TransporterConfig(), model, parser=each)
+    sentence = "red block in the box and blue block in the bowl"
+    first, second = Queries("red block", "box"), Queries("blue block", "bowl")
+    assert policy.goals(sentence) == (first, second)
+    assert (policy.read(sentence), policy.read(sentence, [first])) == (first, second)
+    assert policy.decide(demo_set[1][0].steps[0].observation, sentence).queries == first
+    with pytest.raises(ValueError, match="reached holds every goal of 'red block"):
+        policy.read(sentence, [second, first])

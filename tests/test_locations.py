@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from gem_lite import clip
-from gem_lite.language import Queries, word_lists
-from gem_lite.maps import location_words
+from gem_lite.language import LOCATION_CODE_LENGTH, Queries, location_code, split_location, word_lists
+from gem_lite.maps import query_maps
 from gem_lite.policies import methods
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import ropes
@@ -34,12 +34,12 @@ def table(*places):
     ],
 )  # fmt: skip
 def test_the_location_word_of_a_phrase(phrase, word):
-    assert location_words.location_word(phrase) == word
+    assert split_location(phrase)[0] == word
 
 
 def cells_of(semantic):
     """The cells of each response, as lists of (row, col)."""
-    regions, count = location_words.responses(semantic, WORKSPACE)
+    regions, count = query_maps.responses(semantic, WORKSPACE)
     return [np.argwhere(regions == number).tolist() for number in range(1, count + 1)]
 
 
@@ -52,15 +52,15 @@ def cells_of(semantic):
     ],
 )  # fmt: skip
 def test_a_phrase_without_its_location_word(phrase, thing):
-    assert location_words.without_location(phrase) == thing
+    assert split_location(phrase)[1] == thing
 
 
 @pytest.mark.parametrize("word", word_lists.LOCATION_WORDS)
 def test_every_word_that_is_read_chooses_a_response(word):
     semantic = table((50, 20, 1.0), (90, 40, 1.0))
     for wording in (f"{word} block", f"{word}most block"):
-        read = location_words.location_word(wording)
-        assert (location_words.located(semantic, read, WORKSPACE) == 1).sum() == 1
+        read = split_location(wording)[0]
+        assert (query_maps.located(semantic, read, WORKSPACE) == 1).sum() == 1
 
 
 def test_responses_are_the_strongest_maxima():
@@ -89,9 +89,9 @@ def test_a_flat_thing_is_one_response_and_stays_whole():
         ("left", np.s_[40:60, 10:30], np.s_[90:110, 45:65]),
         ("bottom", np.s_[90:110, 45:65], np.s_[40:60, 10:30]),
     ):
-        located = location_words.located(semantic, word, WORKSPACE)
+        located = query_maps.located(semantic, word, WORKSPACE)
         assert (located[kept] == 1).all()
-        assert np.allclose(located[lowered], 1 - location_words.LOWERED)
+        assert np.allclose(located[lowered], 1 - query_maps.LOWERED)
 
 
 def test_a_long_thing_beside_another_stays_whole():
@@ -99,9 +99,9 @@ def test_a_long_thing_beside_another_stays_whole():
     semantic = np.zeros(WORKSPACE.shape, np.float32)
     semantic[10:150, 20] = 1.0
     semantic[20, 32] = 1.0
-    located = location_words.located(semantic, "left", WORKSPACE)
+    located = query_maps.located(semantic, "left", WORKSPACE)
     assert (located[10:150, 20] == 1).all()
-    assert located[20, 32] == np.float32(1 - location_words.LOWERED)
+    assert located[20, 32] == np.float32(1 - query_maps.LOWERED)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
@@ -109,13 +109,13 @@ def test_a_constant_map_has_no_response_and_stays_as_it_is(value):
     semantic = np.full(WORKSPACE.shape, value, np.float32)
     assert cells_of(semantic) == []
     for word in ("left", "right", "top", "bottom", "middle"):
-        assert np.array_equal(location_words.located(semantic, word, WORKSPACE), semantic)
+        assert np.array_equal(query_maps.located(semantic, word, WORKSPACE), semantic)
 
 
 def test_a_map_that_hardly_rises_above_the_table_has_no_response():
     semantic = table((50, 20, 0.09), (50, 50, 0.08))
     assert cells_of(semantic) == []
-    assert np.array_equal(location_words.located(semantic, "right", WORKSPACE), semantic)
+    assert np.array_equal(query_maps.located(semantic, "right", WORKSPACE), semantic)
 
 
 @pytest.mark.parametrize(
@@ -125,38 +125,38 @@ def test_a_map_that_hardly_rises_above_the_table_has_no_response():
 def test_a_word_chooses_one_response_and_lowers_the_others(word, place):
     places = [(70, 15), (80, 60), (30, 40), (120, 40), (72, 40)]
     semantic = table(*[(row, col, 1.0 - 0.01 * i) for i, (row, col) in enumerate(places)])
-    located = location_words.located(semantic, word, WORKSPACE)
+    located = query_maps.located(semantic, word, WORKSPACE)
     assert located.dtype == np.float32
     assert np.unravel_index(located.argmax(), located.shape) == place
     own = np.s_[place[0] - 3 : place[0] + 4, place[1] - 3 : place[1] + 4]
     assert np.array_equal(located[own], semantic[own])
     for row, col in set(places) - {place}:
-        assert located[row, col] == pytest.approx(semantic[place] - location_words.LOWERED)
+        assert located[row, col] == pytest.approx(semantic[place] - query_maps.LOWERED)
     assert (located <= semantic).all()
 
 
 def test_the_directions_are_those_of_the_world():
     # Left is smaller x, top is larger y: as the task's words (tasks/assembling_kits.py).
     left, top = table((60, 15, 1.0), (60, 60, 1.0)), table((20, 40, 1.0), (120, 40, 1.0))
-    row, col = np.unravel_index(location_words.located(left, "left", WORKSPACE).argmax(), WORKSPACE.shape)
+    row, col = np.unravel_index(query_maps.located(left, "left", WORKSPACE).argmax(), WORKSPACE.shape)
     assert WORKSPACE.to_world(row, col)[0] < WORKSPACE.to_world(60, 60)[0]
-    row, col = np.unravel_index(location_words.located(top, "top", WORKSPACE).argmax(), WORKSPACE.shape)
+    row, col = np.unravel_index(query_maps.located(top, "top", WORKSPACE).argmax(), WORKSPACE.shape)
     assert WORKSPACE.to_world(row, col)[1] > WORKSPACE.to_world(120, 40)[1]
 
 
 def test_one_response_stays_as_it_is():
     semantic = table((50, 20, 1.0))
-    assert np.array_equal(location_words.located(semantic, "right", WORKSPACE), semantic)
+    assert np.array_equal(query_maps.located(semantic, "right", WORKSPACE), semantic)
 
 
 def test_an_unknown_word_is_named():
     with pytest.raises(ValueError, match="word must be one of left, right, top, bottom, middle, got 'north'"):
-        location_words.located(table((50, 20, 1.0)), "north", WORKSPACE)
+        query_maps.located(table((50, 20, 1.0)), "north", WORKSPACE)
 
 
 def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not():
     phrases = [f"{start} to {end}" for start, end in ropes.DIRECTIONS]
-    codes = torch.stack([location_words.code(phrase) for phrase in phrases])
+    codes = torch.stack([location_code(phrase) for phrase in phrases])
     embeddings = clip.load().embed_texts(phrases)
     apart = ~torch.eye(len(phrases), dtype=torch.bool)
     assert (embeddings @ embeddings.T)[apart].min() > 0.99
@@ -182,23 +182,23 @@ def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not():
     ],
 )
 def test_the_code_counts_words_before_and_after_to(phrase, words):
-    expected = torch.zeros(location_words.CODE_LENGTH)
+    expected = torch.zeros(LOCATION_CODE_LENGTH)
     for number, count in words.items():
         expected[number] = count
-    code = location_words.code(phrase)
+    code = location_code(phrase)
     assert torch.allclose(code, torch.nn.functional.normalize(expected, dim=0))
     assert code.norm() == pytest.approx(1 if words else 0)
 
 
 def test_a_word_after_to_is_another_than_one_before():
-    before, after = location_words.code("left block"), location_words.code("block to the left")
+    before, after = location_code("left block"), location_code("block to the left")
     assert any(before) and any(after) and not torch.equal(before, after)
 
 
 def test_a_line_has_one_code_in_both_directions():
     # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
     for start, end in ropes.DIRECTIONS:
-        assert torch.equal(location_words.code(f"{end} to {start}"), location_words.code(f"{start} to {end}"))
+        assert torch.equal(location_code(f"{end} to {start}"), location_code(f"{start} to {end}"))
 
 
 @pytest.mark.parametrize("method", methods.METHODS.names())
@@ -208,5 +208,5 @@ def test_the_networks_of_every_method_get_the_code_of_both_phrases(method):
     words = policy.words(Queries("left red block", "front left tip to back left corner"))
     for name, phrase in (("pick", "left red block"), ("place", "front left tip to back left corner")):
         assert words[name].shape == (policy.language_dim,)
-        assert torch.equal(words[name][-location_words.CODE_LENGTH :], location_words.code(phrase))
-        assert words[name][-location_words.CODE_LENGTH :].any()
+        assert torch.equal(words[name][-LOCATION_CODE_LENGTH:], location_code(phrase))
+        assert words[name][-LOCATION_CODE_LENGTH:].any()

@@ -28,7 +28,6 @@ class ToyConfig(Config):
 class Toy(Policy):
     """One linear layer a pixel."""
 
-    method = "toy"
     Config = ToyConfig
 
     def build(self):
@@ -52,7 +51,7 @@ class Toy(Policy):
 def registered(monkeypatch):
     monkeypatch.setattr(methods.METHODS, "_entries", dict(methods.METHODS._entries))
     monkeypatch.setattr(methods.METHODS, "_modules", dict(methods.METHODS._modules))
-    methods.register(Toy)
+    methods.METHODS.register("toy")(Toy)
 
 
 def test_a_method_from_outside_has_presets_ablations_and_a_line_of_help():

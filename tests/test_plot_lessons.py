@@ -13,7 +13,7 @@ from PIL import Image
 from gem_lite.actions import PickPlace
 from gem_lite.drawing import pictures
 from gem_lite.evaluation.results import Score
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace

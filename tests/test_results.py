@@ -12,7 +12,7 @@ from gem_lite.demonstrations import ExpertAction
 from gem_lite.evaluation import actors, results, statistics, table_poses
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
 from gem_lite.policies import checkpoints, robot_plan
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation

@@ -5,18 +5,13 @@ import pytest
 import torch
 from frame_averaging import frame_averaged
 
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, unpatchify
 from gem_lite.maps.semantic_map import fuse, plateau_centre
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module")

@@ -186,9 +186,9 @@ OUTSIDE = """
 from gem_lite.policies import methods
 from gem_lite.policies.transporter import TransporterLan
 
-@methods.register
+@methods.METHODS.register("mine")
 class Mine(TransporterLan):
-    method = "mine"
+    pass
 """
 
 

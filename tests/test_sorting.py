@@ -16,7 +16,7 @@ from gem_lite.evaluation import actors, evaluate, results, table_poses
 from gem_lite.evaluation.evaluate import Measurement
 from gem_lite.evaluation.results import Episode, Score
 from gem_lite.evaluation.table_poses import Condition
-from gem_lite.policies.gates import near_peak
+from gem_lite.policies.choosing import near_peak
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import HEIGHT_SCALE

@@ -5,17 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.language import ImageQuery, Queries
 from gem_lite.maps import crop_memory, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module")

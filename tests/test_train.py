@@ -10,7 +10,7 @@ import torch
 from gem_lite import clip, demonstrations
 from gem_lite.cli import main
 from gem_lite.maps.query_maps import QueryMaps, joined
-from gem_lite.policies import augment, gates
+from gem_lite.policies import augment, choosing
 from gem_lite.policies import base as policy_module
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Gem
@@ -248,7 +248,7 @@ def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, dem
     second = policy.decide(step.observation, step.instruction, [first.action.pick])
     off = np.hypot(second.action.pick.x - first.action.pick.x, second.action.pick.y - first.action.pick.y)
     assert off >= SMALL.empty_radius
-    cells = ~gates.untried([first.action.pick], SMALL)
+    cells = ~choosing.untried([first.action.pick], SMALL)
     radius = SMALL.empty_radius / SMALL.workspace.pixel
     assert int(cells.sum()) == pytest.approx(np.pi * radius**2, rel=0.35)
     assert not cells[second.pick_cell[1:]]

@@ -115,7 +115,7 @@ def parse_arrow(instruction: str) -> Queries:
     return Queries(*match.groups())
 
 
-@sources.register("redness")
+@sources.SOURCES.register("redness")
 class Redness(sources.ViewSource[np.ndarray]):
     """How red each pixel is, whatever the query."""
 
@@ -142,11 +142,10 @@ class OneConvolutionConfig(Config):
     size: int = 5
 
 
-@methods.register
+@methods.METHODS.register("one-convolution")
 class OneConvolution(Policy[TopView]):
     """Picks and places by one convolution each; it does not listen to words."""
 
-    method = "one-convolution"
     Config = OneConvolutionConfig
     config: OneConvolutionConfig
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from gem_lite.actions import Action, ExpertAction, PickPlace, Push
-from gem_lite.policies.choices import Choice, TablesChoice
+from gem_lite.policies.choosing import Choice, TablesChoice
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.tags import LocalisationError
 from gem_lite.se2 import Pose2

@@ -5,11 +5,17 @@
 """
 
 from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
-from gem_lite.language.phrases import conjuncts
+from gem_lite.language.phrases import (
+    LOCATION_CODE_LENGTH,
+    conjuncts,
+    location_code,
+    location_in_front,
+    split_location,
+)
 from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query
 from gem_lite.language.word_lists import PLACING, VERBS
 
 __all__ = [
-    "EXAMPLE", "PARSERS", "PLACING", "VERBS", "ImageQuery", "Parser", "Queries", "Query", "conjuncts", "parse",
-    "parse_thing",
+    "EXAMPLE", "LOCATION_CODE_LENGTH", "PARSERS", "PLACING", "VERBS", "ImageQuery", "Parser", "Queries", "Query",
+    "conjuncts", "location_code", "location_in_front", "parse", "parse_thing", "split_location",
 ]  # fmt: skip

@@ -2,12 +2,19 @@
 
 A location word stands in front of a thing: "left red block". Other wordings mean the same: "leftmost red block", "red
 block on the left". In a name ("left shoe", "top hat") the same word says nothing about where the thing lies.
+
+A patch does not show where on the table it lies, so such a word acts on the whole map (`maps.query_maps.located`).
+Other location words belong to a thing and not to the table: "front left tip to back left corner" of a square. The
+embedded CLIP gives such phrases nearly the same embedding. So the networks of every method get the words themselves,
+too: `location_code`. All this is ours.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+
+import torch
 
 from gem_lite.language import word_lists
 from gem_lite.language.word_lists import ADJECTIVES, COLORS, DETERMINERS, LEADING, RESERVED, SHADES, SIDES, VERBS
@@ -16,6 +23,9 @@ TOKEN = re.compile(r"[^\W_]+(?:['’\u02bc&-][^\W_]+)*|\S")
 _CONTRACTION = re.compile(r".+(n't|'re|'ve|'ll|'d|'m)")
 _COUNTED = re.compile(r"[0-9]+(mm|cm|m|km|in|ft|deg|s|sec|min|h|x|st|nd|rd|th)")
 _BEHIND_A_NOUN = ("of", "with", "on", "in")
+CODED = ("left", "right", "top", "bottom", "front", "back", "middle", "tip", "corner")
+"""The words that `location_code` counts."""
+LOCATION_CODE_LENGTH = 2 * len(CODED)
 
 
 def split_location(phrase: str) -> tuple[str | None, str]:
@@ -37,6 +47,37 @@ def with_location(word: str, thing: str) -> str:
     """The phrase for a thing with a location word: "left block", or "leftmost shoe", since "left shoe" is a name."""
     phrase = f"{word} {thing}"
     return phrase if split_location(phrase) == (word, thing) else f"{word}most {thing}"
+
+
+def location_in_front(phrase: str) -> str:
+    """A phrase with its location word in front, however it was said: "left star hole" of "star hole on the left".
+
+    CLIP gets this wording, since it is the one of the demonstrations. It may be a name by itself ("left shoe").
+    """
+    word, thing = split_location(phrase)
+    return phrase if word is None else f"{word} {thing}"
+
+
+def location_code(phrase: str) -> torch.Tensor:
+    """The location words of a phrase as a vector (`LOCATION_CODE_LENGTH`,): how often each of `CODED` is there.
+
+    The first half counts the words of "A" in "A to B", the second half those of "B"; a phrase without "to" is an "A".
+    If both have such words, they are the ends of a line, and "B to A" has the same code: the end with more of the
+    first words of `CODED` is "A". Words of names are not counted ("left shoe", "top hat"), and "leftmost" counts as
+    "left". The vector has unit length, as CLIP's embeddings have; it is 0 if there is no location word.
+    """
+    start, _, end = phrase.lower().partition(" to ")
+    counts = [_counts(start), _counts(end)]
+    if any(counts[0]) and any(counts[1]):
+        counts.sort(reverse=True)
+    return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32).flatten(), dim=0)
+
+
+def _counts(phrase: str) -> list[int]:
+    """How often each of `CODED` is in a phrase, apart from names."""
+    words = phrase.split()
+    read = [LEADING.get(word, word) for i, word in enumerate(words) if not names_by_side(words[i:])]
+    return [read.count(word) for word in CODED]
 
 
 def names_by_side(words: Sequence[str]) -> bool:

@@ -62,7 +62,8 @@ class Queries:
         return f"push {self.pick} to {self.place}" if self.push else f"pick {self.pick}, place {self.place}"
 
 
-Parser = Callable[[str], Queries]
-"""An instruction to queries. It raises ValueError for an instruction that it refuses."""
+Parser = Callable[[str], Queries | tuple[Queries, ...]]
+"""An instruction to the queries of its goal, or of several goals in the order in which to reach them. It raises
+ValueError for an instruction that it refuses."""
 PARSERS: Registry[Parser] = Registry("parser")
 """Parsers by the names that configurations hold."""

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import safetensors.numpy
 import torch
-from safetensors import SafetensorError, safe_open
 
 from gem_lite import language
 from gem_lite.actions import GripperState, Push
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.foundations.files import write_atomically
+from gem_lite.language import Queries
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
@@ -142,39 +137,6 @@ class CropMemory:
                 raise ValueError(f"a label must hold a phrase, a task and an episode, got {label!r:.200}")
         return cls([CropEntry(image=image, **label) for image, label in zip(images, labels, strict=True)], clip)
 
-    def save(self, path: Path) -> None:
-        """Write the crops, not their embeddings, to one safetensors file."""
-        images, labels = self.pack()
-        text = json.dumps(labels)
-        metadata = {"entries": text, "sha256": _digest(images, text)}
-        write_atomically(Path(path), safetensors.numpy.save({"images": images}, metadata))
-
-    @classmethod
-    def load(cls, path: Path, clip: Clip) -> CropMemory:
-        """Read and verify what `save` wrote, and embed it.
-
-        Raises:
-            FileNotFoundError: no such file.
-            ValueError: cut off, changed, or not written by `save`.
-        """
-        try:
-            with safe_open(path, "np") as file:
-                metadata = file.metadata() or {}
-                images = file.get_tensor("images")
-        except (SafetensorError, TypeError) as error:  # TypeError: a type of number that NumPy does not have
-            raise ValueError(f"{path} is cut off or no crop memory: {error}") from error
-        text = metadata.get("entries", "")
-        if metadata.get("sha256") != _digest(images, text):
-            raise ValueError(f"{path} was changed or is no crop memory: its SHA-256 is not the one it was saved with")
-        try:
-            return cls.unpack(images, json.loads(text), clip)
-        except (ValueError, RecursionError) as error:
-            raise ValueError(f"{path} is no crop memory: {error}") from error
-
-
-def _digest(images: np.ndarray, text: str) -> str:
-    return hashlib.sha256(f"{images.dtype} {images.shape} {text}".encode() + images.tobytes()).hexdigest()
-
 
 def events(trace: Sequence[GripperState]) -> list[tuple[Literal["pick", "place"], Pose2]]:
     """When and where the gripper closed on something ("pick") and let it go ("place"), in order (Sec. 3.1)."""
@@ -203,24 +165,23 @@ def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeK
 
 def collect_crops(
     demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float,
-    parser: language.Parser = language.parse,
+    read: Callable[[str], Queries] = language.parse,
 ) -> list[CropEntry]:  # fmt: skip
     """The crops of every event of the demonstrations, from before the action (Sec. 3.1).
 
     Args:
         heightmaps: one for each step's observation, in the order of episodes and steps.
         side: of a crop, in metres.
-        parser: gives each crop its phrase.
+        read: gives each crop its phrase.
 
     Raises:
-        ValueError: another number of height maps, an instruction that the parser refuses, or a ``side`` that `cut`
-            refuses.
+        ValueError: another number of height maps, an instruction that is refused, or a ``side`` that `cut` refuses.
     """
     steps = [(key, step) for key, demonstration in numbered(demonstrations) for step in demonstration.steps]
     if len(heightmaps) != len(steps):
         raise ValueError(f"heightmaps must be one for each of {len(steps)} steps, got {len(heightmaps)}")
     return [
-        CropEntry(str(getattr(parser(step.instruction), kind)), cut(heightmap, pose, side), *key)
+        CropEntry(str(getattr(read(step.instruction), kind)), cut(heightmap, pose, side), *key)
         for (key, step), heightmap in zip(steps, heightmaps, strict=True)
         for kind, pose in step_events(step)
     ]
@@ -228,16 +189,16 @@ def collect_crops(
 
 def demonstrated_crops(
     demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
-    parser: language.Parser = language.parse,
+    read: Callable[[str], Queries] = language.parse,
 ) -> Iterator[CropEntry]:  # fmt: skip
     """`collect_crops` of demonstrations whose height maps are made here, one episode at a time.
 
     Raises:
-        ValueError: an instruction that the parser refuses, or a ``side`` that `cut` refuses.
+        ValueError: an instruction that is refused, or a ``side`` that `cut` refuses.
     """
     for (task, episode), demonstration in numbered(demonstrations):
         heightmaps = [fuse_views(step.observation.views, workspace) for step in demonstration.steps]
-        for crop in collect_crops([demonstration], heightmaps, side, parser):
+        for crop in collect_crops([demonstration], heightmaps, side, read):
             # A copy: what `cut` returns would keep the whole height map.
             yield replace(crop, image=crop.image.copy(), task=task, episode=episode)
 

@@ -1,24 +1,46 @@
 """A query's maps as policies use them: Eq. 1-4, then the words of ours that no patch shows, "left" and "and".
 
-The networks of GEM read these maps. Rivals can be restricted by them (`gem_lite.policies.gates`).
+The networks of GEM read these maps. Rivals can be restricted by them (`gem_lite.policies.choosing`).
+
+"left star hole" is the leftmost of the places that look like a star hole. CLIP gives all star holes the same score; and
+training turns the pictures, so a network cannot learn what "left" is. Here the word acts on the map of the unturned
+table: it chooses one of the strongest responses and lowers the others. Training then turns the map with the picture.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy import ndimage
 
 from gem_lite import language
 from gem_lite.config import FLAG, RADIUS, TEXT, Allowed, number, or_none
 from gem_lite.language import Query
-from gem_lite.maps import location_words, semantic_map
+from gem_lite.maps import semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
+from gem_lite.se2 import Workspace
+
+WITHIN = 0.1
+"""A response is a local maximum of a map that is at most this far below the highest value."""
+SPACING = 0.03
+"""Two responses are at least this far (m) apart."""
+LOWERED = 0.3
+"""Afterwards, the other responses are at least this far below the chosen one."""
+_Keys = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_SMALLEST: dict[str, _Keys] = {
+    "left": lambda x, y: x,
+    "right": lambda x, y: -x,
+    "top": lambda x, y: -y,
+    "bottom": lambda x, y: y,
+    "middle": lambda x, y: np.hypot(x - x.mean(), y - y.mean()),
+}
+"""For each word, what is smallest at the response that the word means; x and y in the world."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +52,7 @@ class MapConfig(PatchConfig):
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
         peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a thing on which its map is at most
-            ``peak_margin`` below its highest value (`policies.gates`); with a margin of None it may lie anywhere.
+            ``peak_margin`` below its highest value (`policies.choosing`); with a margin of None it may lie anywhere.
     """
 
     AFTER_PREPARATION: ClassVar[frozenset[str]] = PatchConfig.AFTER_PREPARATION | {"peak_margin", "peak_radius"}
@@ -64,43 +86,33 @@ def query_maps(
     """A query's maps: Eq. 1-4 without the depth, which the networks add.
 
     A phrase with "and" is several phrases, whose maps are joined. A location word chooses among the strongest responses
-    of a phrase (`location_words.located`). A whole sentence (`Config.parsing`) is one query and has neither.
+    of a phrase (`located`). A whole sentence (`Config.parsing`) is one query and has neither.
 
     Args:
         scene: of ``source``.
         memory: the crops to retrieve; without them, only a picture has an image-conditioned map.
         hidden: an episode whose crops must not be retrieved; in training, the step's own.
     """
+
+    def of_one(query: Query) -> QueryMaps:
+        word = None
+        if config.parsing and isinstance(query, str):
+            word, _ = language.split_location(query)
+            query = language.location_in_front(query)
+        text = source.map(scene, query)
+        image = None
+        fused = text
+        if source.uses_views and config.image_weight > 0:
+            image = semantic_map.image_conditioned_map(scene, query, source.clip, memory, hidden)
+            fused = semantic_map.fuse(text, image, config.text_weight, config.image_weight)
+        if word is None or not config.locations:
+            return QueryMaps(text, image, fused)
+        return QueryMaps(located(text, word, config.workspace), image, located(fused, word, config.workspace))
+
     phrases: Sequence[Query] = [query]
     if config.conjuncts and config.parsing and isinstance(query, str):
         phrases = language.conjuncts(query)
-    return joined([_located_maps(source, scene, phrase, config, memory, hidden) for phrase in phrases])
-
-
-def _located_maps(
-    source: MapSource, scene: SceneEmbedding, query: Query, config: MapConfig, memory: CropMemory | None,
-    hidden: EpisodeKey | None,
-) -> QueryMaps:  # fmt: skip
-    word = None
-    if config.parsing and isinstance(query, str):
-        word = location_words.location_word(query)
-        query = location_words.canonical(query)
-    maps = _member_maps(source, scene, query, config, memory, hidden)
-    if word is None or not config.locations:
-        return maps
-    text = location_words.located(maps.text, word, config.workspace)
-    return QueryMaps(text, maps.image, location_words.located(maps.fused, word, config.workspace))
-
-
-def _member_maps(
-    source: MapSource, scene: SceneEmbedding, query: Query, config: MapConfig, memory: CropMemory | None,
-    hidden: EpisodeKey | None,
-) -> QueryMaps:  # fmt: skip
-    text = source.map(scene, query)
-    if not source.uses_views or config.image_weight == 0:
-        return QueryMaps(text, None, text)
-    image = semantic_map.image_conditioned_map(scene, query, source.clip, memory, hidden)
-    return QueryMaps(text, image, semantic_map.fuse(text, image, config.text_weight, config.image_weight))
+    return joined([of_one(phrase) for phrase in phrases])
 
 
 def joined(members: Sequence[QueryMaps]) -> QueryMaps:
@@ -124,3 +136,56 @@ def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
         member * np.float32(highest / peak) if peak > 0 else member for member, peak in zip(maps, peaks, strict=True)
     ]
     return np.maximum.reduce(scaled)
+
+
+def responses(semantic: np.ndarray, workspace: Workspace) -> tuple[np.ndarray, int]:
+    """A map's strongest responses: its local maxima at most `WITHIN` below the highest value.
+
+    Maxima nearer than `SPACING` to each other, such as the cells of a flat peak, are one response. A map that hardly
+    rises above its median, which is the bare table's value, has no response.
+
+    Args:
+        semantic: (H, W).
+
+    Returns:
+        (H, W) int, the number of the response to which each maximum belongs, from 1 on, and 0 elsewhere; and how many
+        there are.
+    """
+    if semantic.max() - np.median(semantic) <= WITHIN:
+        return np.zeros(semantic.shape, int), 0
+    reach = round(SPACING / workspace.pixel)
+    highest_around = ndimage.maximum_filter(semantic, size=2 * reach + 1, mode="nearest")
+    maxima = (semantic == highest_around) & (semantic >= semantic.max() - WITHIN)
+    # Two cells are in one region if each lies within half the reach of the region's cells.
+    regions, count = ndimage.label(ndimage.binary_dilation(maxima, np.ones((reach, reach))), np.ones((3, 3)))
+    return np.where(maxima, regions, 0), count
+
+
+def located(semantic: np.ndarray, word: str, workspace: Workspace) -> np.ndarray:
+    """A map with all responses lowered but the one that a location word means.
+
+    Args:
+        semantic: (H, W) float32.
+        word: "left" (smaller x), "right", "top" (larger y), "bottom" or "middle" (nearest to all responses' mean).
+
+    Returns:
+        (H, W) float32. Cells nearer to another response are cut off at the chosen one minus `LOWERED`. A map without
+        responses stays as it is.
+
+    Raises:
+        ValueError: an unknown word.
+    """
+    if word not in _SMALLEST:
+        raise ValueError(f"word must be one of {', '.join(_SMALLEST)}, got {word!r}")
+    regions, count = responses(semantic, workspace)
+    if count < 2:
+        return semantic
+    numbers = np.arange(1, count + 1)
+    middles = np.array(ndimage.center_of_mass(regions > 0, regions, numbers))  # (N, 2) cells
+    x, y = workspace.to_world(middles[:, 0], middles[:, 1])
+    chosen = numbers[int(np.argmin(_SMALLEST[word](x, y)))]
+    # For every cell the nearest maximum of any response.
+    rows, cols = ndimage.distance_transform_edt(regions == 0, return_distances=False, return_indices=True)
+    of_another = regions[rows, cols] != chosen
+    ceiling = np.float32(semantic[regions == chosen].max() - LOWERED)
+    return np.where(of_another, np.minimum(semantic, ceiling), semantic)

@@ -20,7 +20,6 @@ from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.foundations import colors
 from gem_lite.language import Query
-from gem_lite.maps import location_words
 from gem_lite.maps.semantic_map import TEMPLATES, SceneEmbedding
 from gem_lite.maps.sources import MapSource
 from gem_lite.se2 import Workspace
@@ -238,7 +237,7 @@ def _reason(
     scene: SceneEmbedding, member: str, source: MapSource, nouns: Sequence[str], lowest_margin: float
 ) -> str | None:  # fmt: skip
     """Why nothing on the table is what a phrase without "and" names; None if something is."""
-    phrase = location_words.without_location(member)
+    _, phrase = language.split_location(member)
     found = fit(scene, phrase, source, nouns)
     if found is None:
         return f'there is no "{phrase}": nothing lies on the table'

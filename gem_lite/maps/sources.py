@@ -82,10 +82,9 @@ def _digest(picture: np.ndarray) -> bytes:
 
 SOURCES: Registry[type[MapSource]] = Registry("map source")
 """Map sources by their names."""
-register = SOURCES.register
 
 
-@register("multi-view")
+@SOURCES.register("multi-view")
 class MultiView(MapSource):
     """The paper's (Eq. 1): CLIP's cosines with the patches of every view, fused from above.
 
@@ -109,7 +108,7 @@ class MultiView(MapSource):
         return semantic_map.text_conditioned_map(scene, query, self.clip)
 
 
-@register("single-view")
+@SOURCES.register("single-view")
 class SingleView(MapSource):
     """CLIP's cosines with the patches of the height map: the paper's "without multi-view" (A.2)."""
 
@@ -118,7 +117,7 @@ class SingleView(MapSource):
         return semantic_map.single_view_map(scene, query, self.clip)
 
 
-@register("none")
+@SOURCES.register("none")
 class NoMap(MapSource):
     """1 everywhere: the paper's "without semantic map" (A.2)."""
 

@@ -9,25 +9,25 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
 from torch import nn
+from typing_extensions import override
 
 from gem_lite import config as configuration
 from gem_lite import language
 from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
+from gem_lite.foundations.registry import Registry
 from gem_lite.language import ImageQuery, Queries, Query
-from gem_lite.maps import location_words
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
-from gem_lite.policies.choices import Choice, TablesChoice
-from gem_lite.policies.gates import Gate, gated, unmoved, untried
+from gem_lite.policies.choosing import Choice, Gate, TablesChoice, best_cell, gated, unmoved, untried
 from gem_lite.policies.inputs import (
     Cell,
     Inputs,
@@ -39,7 +39,6 @@ from gem_lite.policies.inputs import (
     numbered_steps,
     right_bins,
 )
-from gem_lite.policies.several_tables import best_cell
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
@@ -57,15 +56,28 @@ class Scene(Protocol):
 SceneT = TypeVar("SceneT", bound=Scene)
 
 
+class _Methods(Registry[type["Policy"]]):
+    """A method also knows its name, as `Policy.method`."""
+
+    @override
+    def add(self, name: str, entry: type[Policy], module: str | None = None) -> type[Policy]:
+        entry.method = name
+        return super().add(name, entry, module)
+
+
+METHODS = _Methods("method")
+"""Methods by their names, without ablations."""
+
+
 class Policy(nn.Module, ABC, Generic[SceneT]):
     """A learned method: from images and a sentence to one pick and place.
 
-    A new method has ``method`` and ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
-    `gem_lite.policies.methods.register` makes it known by its name. The CLIP is no part of the module: it is frozen,
-    and `to` does not move it (`Clip.to` does).
+    A new method has a ``Config`` and defines `build`, `embed`, `inputs`, `score_pick` and `score_place`;
+    ``@METHODS.register("name")`` makes it known. The CLIP is no part of the module: it is frozen, and `to` does not
+    move it (`Clip.to` does).
 
     Attributes:
-        method: the method's name, without the endings of its ablations.
+        method: the method's name, without the endings of its ablations; its registration sets it.
         Config: the class of its configurations.
         choice: the class of its decisions.
         one_kernel: whether it scores one kernel against the features of each of several tables (`decide_over`).
@@ -148,16 +160,28 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of a place at each pixel, turned by each angle, after ``picks`` at pixels (B, 2)."""
 
-    def read(self, instruction: str | Queries) -> Queries:
-        """The two queries for the method. `Queries` are returned as they are.
+    def goals(self, instruction: str | Queries) -> tuple[Queries, ...]:
+        """The queries of each goal of an instruction, in the order in which to reach them. `Queries` are one goal.
 
         Raises:
             ValueError: the parser refuses the instruction.
         """
         if isinstance(instruction, Queries):
-            return instruction
-        queries = self.parser(instruction)
-        return queries if self.config.parsing else Queries(instruction, instruction, queries.push)
+            return (instruction,)
+        parsed = self.parser(instruction)
+        goals = (parsed,) if isinstance(parsed, Queries) else parsed
+        return goals if self.config.parsing else (Queries(instruction, instruction, goals[0].push),)
+
+    def read(self, instruction: str | Queries, reached: Collection[Queries] = ()) -> Queries:
+        """The queries to act on: those of the first goal that is not ``reached``.
+
+        Raises:
+            ValueError: the parser refuses the instruction, or all its goals are reached.
+        """
+        for goal in self.goals(instruction):
+            if goal not in reached:
+                return goal
+        raise ValueError(f"reached holds every goal of {str(instruction)!r}: nothing is left to do")
 
     def words(self, queries: Queries) -> dict[str, torch.Tensor]:
         """What the networks get of the queries, (L,) each, as `Inputs` holds it: "pick" and "place"."""
@@ -165,16 +189,16 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
 
     def embed_words(self, query: Query) -> torch.Tensor:
         """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
-        plain = location_words.canonical(query) if self.config.parsing and isinstance(query, str) else query
+        plain = language.location_in_front(query) if self.config.parsing and isinstance(query, str) else query
         embedding = embed_query(plain, self.clip)
         if not self.config.location_code:
             return embedding
-        return torch.cat([embedding, location_words.code("" if isinstance(query, ImageQuery) else query)])
+        return torch.cat([embedding, language.location_code("" if isinstance(query, ImageQuery) else query)])
 
     @property
     def language_dim(self) -> int:
         """L, the length of `embed_words`."""
-        return self.clip.dim + (location_words.CODE_LENGTH if self.config.location_code else 0)
+        return self.clip.dim + (language.LOCATION_CODE_LENGTH if self.config.location_code else 0)
 
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Keep what the method later retrieves from demonstrations. Most methods keep nothing."""
@@ -250,14 +274,14 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         self.config = config
 
     def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> Mapping[str, Gate]:
-        """Maps that restrict "pick" and "place" where the policy acts (`policies.gates`). Most methods have none."""
+        """Maps that restrict "pick" and "place" where the policy acts (`policies.choosing`). Most methods have none."""
         return {}
 
     def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
         """One pick and place; or one push, if the sentence says "push".
 
         Args:
-            instruction: a sentence, or the two queries.
+            instruction: a sentence, or the two queries. Of several goals, it acts on the first (`read` gives others).
             empty_picks: poses at which the tool has grasped nothing since it last held something, from its own log.
                 The pick keeps away from them (`Config.empty_radius`).
 

@@ -24,6 +24,7 @@ from typing_extensions import override
 
 from gem_lite.config import FLAG, LENGTH, Ablation, Allowed, up_to
 from gem_lite.language import Queries
+from gem_lite.policies.base import METHODS
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
 from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig, Rival
@@ -188,10 +189,10 @@ class DenseView:
     features: tuple[torch.Tensor, ...]
 
 
+@METHODS.register("cliport")
 class ClipPort(Rival[DenseView]):
     """A semantic stream from CLIP beside a spatial one: CLIPort at our size."""
 
-    method = "cliport"
     Config = ClipPortConfig
     config: ClipPortConfig
     Semantics: type[Projection | Grounding] = Projection
@@ -252,10 +253,10 @@ class ClipPort(Rival[DenseView]):
         return self.place(inputs.rgbd, list(inputs.features.values()), inputs.words["place"], picks)
 
 
+@METHODS.register("cliport-grounded")
 class GroundedClipPort(ClipPort):
     """CLIPort whose semantic stream starts from CLIP's own comparison of words and picture: a stronger rival."""
 
-    method = "cliport-grounded"
     Semantics = Grounding
 
     @property

@@ -19,9 +19,8 @@ from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
-from gem_lite.policies.base import Policy
-from gem_lite.policies.choices import Choice
-from gem_lite.policies.gates import Gate
+from gem_lite.policies.base import METHODS, Policy
+from gem_lite.policies.choosing import Choice, Gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import (
     HEIGHT_SCALE,
@@ -123,7 +122,7 @@ class PlaceModule(ActionModule):
 
 
 @dataclass(frozen=True)
-class Decision(Choice):
+class GemChoice(Choice):
     """A choice with all maps that led to it, for figures.
 
     Maps are (H, W) float32; ``pick_image`` and ``place_image`` are None if no crop was retrieved.
@@ -137,12 +136,12 @@ class Decision(Choice):
     place_map: np.ndarray
 
 
+@METHODS.register("gem")
 class Gem(Policy[SceneEmbedding]):
     """The paper's method, without the parts that its configuration switches off (Table A2)."""
 
-    method = "gem"
     Config = GemConfig
-    choice = Decision
+    choice = GemChoice
     one_kernel = True
     config: GemConfig
     pick: PickModule

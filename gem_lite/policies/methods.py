@@ -5,27 +5,7 @@ from __future__ import annotations
 import inspect
 
 from gem_lite.config import Config
-from gem_lite.foundations.registry import Registry
-from gem_lite.policies.base import Policy
-from gem_lite.policies.cliport import ClipPort, GroundedClipPort
-from gem_lite.policies.gem import Gem
-from gem_lite.policies.transporter import TransporterLan
-
-METHODS: Registry[type[Policy]] = Registry("method")
-"""Methods by their names, without ablations."""
-
-
-def register(method: type[Policy]) -> type[Policy]:
-    """Make a method known by its ``method``; a decorator for its class.
-
-    Raises:
-        ValueError: another module has registered this name.
-    """
-    return METHODS.add(method.method, method)
-
-
-for _method in (Gem, TransporterLan, ClipPort, GroundedClipPort):
-    register(_method)
+from gem_lite.policies.base import METHODS, Policy
 
 
 def _first_line(method: type[Policy]) -> str:

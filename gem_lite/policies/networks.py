@@ -198,9 +198,9 @@ class CropKernel(nn.Module):
             # e2cnn 0.2.3 indexes with uint8 masks, which torch still allows.
             warnings.simplefilter("ignore")
             for _ in range(3):
-                layers += [enn.R2Conv(previous, hidden, 5, padding=2), enn.ReLU(hidden, inplace=True)]
+                layers += [_convolution(previous, hidden), enn.ReLU(hidden, inplace=True)]
                 previous = hidden
-            self.layers = enn.SequentialModule(*layers, enn.R2Conv(hidden, output, 5, padding=2))
+            self.layers = enn.SequentialModule(*layers, _convolution(hidden, output))
 
     def forward(self, crop: torch.Tensor) -> torch.Tensor:
         """(B, inputs, h, h) to (B, channels, h, h)."""
@@ -210,6 +210,11 @@ class CropKernel(nn.Module):
     def __reduce__(self) -> tuple:
         """For copies and pickles: the sizes and the weights. Objects of e2cnn cannot be pickled."""
         return _crop_kernel, (self._sizes, dict(self.named_parameters()), self.training)
+
+
+def _convolution(inputs: enn.FieldType, outputs: enn.FieldType) -> enn.R2Conv:
+    """A layer with bases of its own. Otherwise all models share e2cnn's, and `to` would change them for all."""
+    return enn.R2Conv(inputs, outputs, 5, padding=2, recompute=True)
 
 
 def _crop_kernel(sizes: tuple[int, int, int], weights: dict[str, nn.Parameter], training: bool) -> CropKernel:

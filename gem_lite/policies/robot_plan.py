@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from gem_lite.actions import Action, PickPlace
 from gem_lite.foundations.files import as_number
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.rgbd.camera import as_pose, checked_pose, checked_rotation
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation

@@ -22,10 +22,11 @@ from torch import nn
 from typing_extensions import override
 
 from gem_lite.config import COUNT, FLAG, SHARED_ENDINGS, Ablation, Allowed, Config, each, or_none
-from gem_lite.language import Queries
-from gem_lite.maps.query_maps import MapConfig
-from gem_lite.policies.base import Policy, SceneT
-from gem_lite.policies.gates import Gate, RivalGates
+from gem_lite.language import Queries, split_location
+from gem_lite.maps.query_maps import MapConfig, query_maps
+from gem_lite.maps.sources import SOURCES, MapSource
+from gem_lite.policies.base import METHODS, Policy, SceneT
+from gem_lite.policies.choosing import Gate
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet
 from gem_lite.rgbd.camera import View
@@ -43,7 +44,7 @@ class KeyQueryConfig(Config):
         channels: channels that key and query share.
         query: side of the crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
         pick_angles: at how many angles a pick is scored; None: at ``angles``, as GEM's. CLIPort has one.
-        map_rules: whether the policy keeps to GEM's rules where it acts (`RivalGates`).
+        map_rules: whether the policy keeps to GEM's rules where it acts (`Rival.gates`).
     """
 
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
@@ -191,14 +192,30 @@ class Rival(Policy[SceneT]):
         return self.config.pick_angles or self.config.angles
 
     @cached_property
-    def _rival_gates(self) -> RivalGates:
-        config = MapConfig.preset(self.config.name)
+    def _map_config(self) -> MapConfig:
         same = {name: getattr(self.config, name) for name in ("table", "pixel", "rectangle", "locations", "parsing")}
-        return RivalGates(self.clip, replace(config, **same))
+        return replace(MapConfig.preset(self.config.name), **same)
+
+    @cached_property
+    def _map_source(self) -> MapSource:
+        return SOURCES.find(self._map_config.semantic_map)(self.clip, self._map_config)
 
     @override
     def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> Mapping[str, Gate]:
-        return self._rival_gates.gates(views, queries) if self.config.map_rules else {}
+        """GEM's text-conditioned maps, with their words "left" and "and".
+
+        A pick is gated by its map, but not the start of a push. A place is gated if its phrase has a location word,
+        since GEM's place reads such a word from its map.
+        """
+        if not self.config.map_rules:
+            return {}
+        gating = {} if queries.push else {"pick": queries.pick}
+        if isinstance(queries.place, str) and split_location(queries.place)[0]:
+            gating["place"] = queries.place
+        scene = self._map_source.embed(views)
+        height = torch.from_numpy(scene.heightmap.height)
+        maps = {role: query_maps(self._map_source, scene, query, self._map_config) for role, query in gating.items()}
+        return {role: Gate(torch.from_numpy(of.fused), height, self._map_config) for role, of in maps.items()}
 
 
 @dataclass(frozen=True)
@@ -208,10 +225,10 @@ class TopView:
     heightmap: HeightMap
 
 
+@METHODS.register("transporter-lan")
 class TransporterLan(Rival[TopView]):
     """Transporter Networks with language: of CLIP they use only the embeddings of the queries."""
 
-    method = "transporter-lan"
     Config = TransporterConfig
     config: TransporterConfig
 

@@ -21,8 +21,7 @@ from gem_lite.drawing.plots import (
     draw_zoom,
 )
 from gem_lite.evaluation.results import Score
-from gem_lite.policies.choices import TablesChoice
-from gem_lite.policies.several_tables import stitch
+from gem_lite.policies.choosing import TablesChoice, stitch
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace

@@ -160,7 +160,7 @@ def show_grasps(
 def show_peak_rule(
     cases: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, Pose2, Pose2]], workspace: Workspace
 ) -> Figure:
-    """What `gates.near_peak` changes, a row for each case: scene and semantic map, whole and from near.
+    """What `choosing.near_peak` changes, a row for each case: scene and semantic map, whole and from near.
 
     The allowed cells are outlined on the maps. The square that is seen from near lies about the pick with the rule.
 

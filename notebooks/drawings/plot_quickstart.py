@@ -24,7 +24,7 @@ from gem_lite.drawing.plots import (
     draw_gripper,
     draw_zoom,
 )
-from gem_lite.policies.gem import Decision
+from gem_lite.policies.gem import GemChoice
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.rendering import cameras_around, render
@@ -39,7 +39,7 @@ SCREEN = slice(47, 261), slice(9, 295)
 """The rows and columns of a frame that show the camera's picture."""
 
 
-def show_decision(decision: Decision, clip_name: str) -> Figure:
+def show_decision(decision: GemChoice, clip_name: str) -> Figure:
     """From phrase to action: text map, image map, blend and action map, for pick (top) and place (bottom)."""
     w = decision.heightmap.workspace
     fig, axes = plt.subplots(2, 5, figsize=(10.5, 8.4), layout="constrained")
@@ -179,7 +179,7 @@ def _resized(camera: Camera, width: int) -> Camera:
 
 
 def episode_frames(
-    decision: Decision, before: np.ndarray, act: Sequence[np.ndarray], after: tuple[np.ndarray, np.ndarray]
+    decision: GemChoice, before: np.ndarray, act: Sequence[np.ndarray], after: tuple[np.ndarray, np.ndarray]
 ) -> list[np.ndarray]:
     """The frames of an episode's film: the sentence, the maps and action maps of pick and place, and the act.
 
@@ -215,7 +215,7 @@ def _with_few_colors(frames: Sequence[np.ndarray]) -> list[np.ndarray]:
     return np.split(np.asarray(few.convert("RGB")), len(frames))
 
 
-def show_moment(decision: Decision, above: np.ndarray, stage: int, caption: str) -> Figure:
+def show_moment(decision: GemChoice, above: np.ndarray, stage: int, caption: str) -> Figure:
     """A frame of a film: the sentence, a place for a camera's picture, the table from above, a map and an action map.
 
     Args:

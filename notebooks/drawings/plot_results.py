@@ -23,7 +23,7 @@ from gem_lite.drawing.plots import (
     bare,
 )
 from gem_lite.evaluation.results import Score
-from gem_lite.policies.choices import Choice
+from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import Sample, to_picture
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix
 

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from gem_lite import clip, demonstrations
 from gem_lite.clip import calibration
 from gem_lite.evaluation.results import file_rows, read_rows
-from gem_lite.maps.crop_memory import CropEntry, CropMemory, _digest
+from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
@@ -71,7 +71,6 @@ def whole(demo_set, model, tmp_path_factory):
     memory = CropMemory(
         [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
     )
-    memory.save(folder / "memory.safetensors")
     checkpoints.save_policy(Gem(SMALL, model, memory), folder / "policy.safetensors", {"task": "bars-in-box"})
     file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
     shutil.copy(calibration.path_for(model), folder / "calibration.json")
@@ -154,7 +153,7 @@ def damage_demonstrations(draw: Callable, folder: Path) -> None:
         np.savez(buffer, **arrays)
         reseal_episode(path, buffer.getvalue())
     else:
-        content = damaged_bytes(draw, content, (folder / "memory.safetensors").read_bytes())
+        content = damaged_bytes(draw, content, (folder / "calibration.json").read_bytes())
         if path.suffix == ".npz" and draw(st.booleans()):
             reseal_episode(path, content)
         else:
@@ -189,32 +188,11 @@ def read_step(folder: Path, model: clip.Clip) -> None:
         assert np.isfinite(view.points()).all()
 
 
-def damage_memory(draw: Callable, folder: Path) -> None:
-    path = folder / "memory.safetensors"
-    content = path.read_bytes()
-    if draw(st.booleans()):
-        path.write_bytes(damaged_bytes(draw, content, (folder / "policy.safetensors").read_bytes()))
-        return
-    with safetensors.safe_open(path, "np") as file:
-        text = file.metadata()["entries"]
-    arrays = safetensors.numpy.load(content)
-    if draw(st.booleans()):
-        arrays = damaged_arrays(draw, arrays)
-    else:
-        text = json.dumps(damaged_json(draw, json.loads(text)))
-    sealed = _digest(arrays["images"], text) if "images" in arrays else "0"
-    path.write_bytes(safetensors.numpy.save(arrays, {"entries": text, "sha256": sealed}))
-
-
-def read_memory(folder: Path, model: clip.Clip) -> None:
-    assert len(CropMemory.load(folder / "memory.safetensors", model).entries) >= 1
-
-
 def damage_checkpoint(draw: Callable, folder: Path) -> None:
     path, card_file = folder / "policy.safetensors", folder / "policy.json"
     match draw(st.sampled_from(["bytes", "card's bytes", "card", "weights", "missing"])):
         case "bytes":
-            path.write_bytes(damaged_bytes(draw, path.read_bytes(), (folder / "memory.safetensors").read_bytes()))
+            path.write_bytes(damaged_bytes(draw, path.read_bytes(), (folder / "calibration.json").read_bytes()))
         case "card's bytes":
             card_file.write_bytes(damaged_bytes(draw, card_file.read_bytes(), path.read_bytes()))
         case "card":
@@ -236,7 +214,7 @@ def damage_rows(draw: Callable, folder: Path) -> None:
     path = folder / "rows.jsonl"
     content = path.read_bytes()
     if draw(st.booleans()):
-        path.write_bytes(damaged_bytes(draw, content, (folder / "memory.safetensors").read_bytes()))
+        path.write_bytes(damaged_bytes(draw, content, (folder / "calibration.json").read_bytes()))
     else:
         rows = [json.loads(line) for line in content.splitlines()]
         path.write_text("".join(json.dumps(damaged_json(draw, row)) + "\n" for row in rows))
@@ -271,7 +249,6 @@ def read_calibration(folder: Path, model: clip.Clip) -> None:
 KINDS = {
     "demonstrations": (damage_demonstrations, read_demonstrations),
     "recorded step": (damage_step, read_step),
-    "crop memory": (damage_memory, read_memory),
     "checkpoint": (damage_checkpoint, read_checkpoint),
     "rows": (damage_rows, read_and_file_rows),
     "calibration": (damage_calibration, read_calibration),

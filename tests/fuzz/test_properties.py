@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from gem_lite import language
 from gem_lite.language import Queries, conjuncts, parse, word_lists
-from gem_lite.maps import location_words
 from gem_lite.maps.patches import PatchGrid, patchify, unpatchify
-from gem_lite.policies.several_tables import split, stitch
+from gem_lite.policies.choosing import split, stitch
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_off, rotate_image, rotation_matrix, wrap
 
 ANGLES = st.floats(-20, 20)
@@ -368,9 +367,9 @@ def test_any_text_is_refused_or_read_in_its_own_words(sentence):
         return
     left = iter(words_of(sentence))
     for phrase in (queries.pick, queries.place):
-        for word in words_of(location_words.without_location(phrase)):
+        for word in words_of(language.split_location(phrase)[1]):
             assert word in left, f"{word!r} of {queries} is not said, or not in this order"
-        word = location_words.location_word(phrase)
+        word = language.split_location(phrase)[0]
         assert word is None or any(word == word_lists.LEADING.get(said, said) for said in sentence.lower().split())
     assert parse(f"put the {queries.pick} in the {queries.place}") == queries
 

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.clip_tabletop import vocabulary
-from gem_lite.language import PLACING, VERBS, Queries, conjuncts, parse, parse_thing, word_lists
-from gem_lite.maps.location_words import without_location
+from gem_lite.language import PLACING, VERBS, Queries, conjuncts, parse, parse_thing, split_location, word_lists
 
 NOUNS = tuple(
     name
@@ -57,8 +56,8 @@ def assert_clean(phrase: str) -> None:
 
 
 def assert_location_is_read(thing: str) -> None:
-    """No word that says where the thing lies is left over where `location_words.location_word` ignores it."""
-    rest = without_location(thing).split()
+    """No word that says where the thing lies is left over where `split_location` ignores it."""
+    rest = split_location(thing)[1].split()
     for word, after in zip(rest, [*rest[1:], ""], strict=True):
         of_a_name = word in word_lists.NAMES and after.removesuffix("s") in word_lists.NAMES[word]
         assert word not in word_lists.LEADING or of_a_name or after in ("", "of"), thing

@@ -1,8 +1,12 @@
-"""Rules of ours for acting: a semantic map says which thing is meant, the networks say where on it.
+"""From logits to an act: the cells that the rules allow, the best of them over all tables, and what was chosen.
 
-The networks weigh a map against their other inputs, and may prefer an object on which the map is low. With these rules
-the map chooses the object; the networks choose among the cells that are left. GEM's picks keep to them. Rivals can do
-so, too: `RivalGates`.
+Gates are rules of ours. The networks weigh a map against their other inputs, and may prefer an object on which the map
+is low. With a gate the map chooses the object; the networks choose among the cells that are left. GEM's picks keep to
+them; a rival can do so, too (`transporter.Rival`).
+
+Stitch and split (A.12): a policy that learned on one table chooses over several. Its networks are convolutions, and its
+kernels come from words or a crop, so the same kernel can be correlated with the features of every table. One argmax
+over all action maps then gives the table, the pixel and the angle.
 """
 
 from __future__ import annotations
@@ -14,17 +18,71 @@ import numpy as np
 import torch
 from scipy import ndimage
 
-from gem_lite.clip import Clip
+from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.language import Queries, Query
-from gem_lite.maps import location_words, sources
-from gem_lite.maps.query_maps import MapConfig, query_maps
-from gem_lite.policies.inputs import BARE_HEIGHT
-from gem_lite.rgbd.camera import View
+from gem_lite.language import Queries
+from gem_lite.maps.query_maps import MapConfig
+from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A decision, and the logits from which it was made.
+
+    ``pick_logits`` and ``place_logits`` are (R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
+    best logit among the allowed ones (`Policy.choose_over`).
+    """
+
+    instruction: str
+    queries: Queries
+    heightmap: HeightMap
+    pick_logits: np.ndarray
+    place_logits: np.ndarray
+    pick_cell: tuple[int, int, int]
+    place_cell: tuple[int, int, int]
+    action: Action
+
+
+@dataclass(frozen=True)
+class TablesChoice:
+    """One pick and one place over N tables, or one push, and the inputs and logits that led to them.
+
+    ``pick_logits`` and ``place_logits`` are (N, R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
+    best logit among the allowed ones. ``pick`` is in the frame of table ``pick_table``. ``place`` is in the frame of
+    table ``place_table``; its yaw is the gripper's.
+    """
+
+    instruction: str
+    queries: Queries
+    heightmaps: tuple[HeightMap, ...]
+    inputs: Inputs
+    pick_logits: np.ndarray
+    place_logits: np.ndarray
+    pick_table: int
+    pick_cell: tuple[int, int, int]
+    pick: Pose2
+    place_table: int
+    place_cell: tuple[int, int, int]
+    place: Pose2
+
+    @property
+    def action(self) -> Action:
+        """The action to do."""
+        if self.queries.push:
+            return Push(self.pick, self.place, self.pick_table)
+        return PickPlace(self.pick, self.place, self.pick_table, self.place_table)
+
+    def first(self) -> Choice:
+        """The choice on the first table, if there is no other."""
+        return Choice(
+            self.instruction, self.queries, self.heightmaps[0], self.pick_logits[0], self.place_logits[0],
+            self.pick_cell, self.place_cell, self.action,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -113,27 +171,23 @@ def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Te
     return here
 
 
-class RivalGates:
-    """Gates for a method without semantic maps: the text-conditioned maps of GEM, with their words "left" and "and".
+def stitch(maps: torch.Tensor) -> torch.Tensor:
+    """The action maps (N, R, H, W) of N tables as one of (R, H, N W), side by side (Fig. A12, step 2)."""
+    return maps.permute(1, 2, 0, 3).flatten(2)
 
-    A pick is gated by the pick's map. A place is gated if its phrase has a location word, since GEM's place reads such
-    a word from its map.
+
+def split(cell: tuple[int, int, int], width: int) -> tuple[int, tuple[int, int, int]]:
+    """A stitched map's (angle, row, column) as the table's number and its own (angle, row, column)."""
+    angle, row, column = cell
+    return column // width, (angle, row, column % width)
+
+
+def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, tuple[int, int, int]]:
+    """The table and its (angle, row, column) with the largest of the logits (N, R, H, W) that are ``allowed``.
+
+    Args:
+        allowed: bool, of a shape that broadcasts to that of ``logits``.
     """
-
-    def __init__(self, clip: Clip, config: MapConfig) -> None:
-        self.config = config
-        self.source = sources.SOURCES.find(config.semantic_map)(clip, config)
-
-    def gates(self, views: Sequence[View], queries: Queries) -> dict[str, Gate]:
-        """The gates by role, "pick" and "place"; a push has none for its start."""
-        scene = self.source.embed(views)
-        height = torch.from_numpy(scene.heightmap.height)
-
-        def gate(query: Query) -> Gate:
-            fused = query_maps(self.source, scene, query, self.config).fused
-            return Gate(torch.from_numpy(fused), height, self.config)
-
-        gates = {} if queries.push else {"pick": gate(queries.pick)}
-        if isinstance(queries.place, str) and location_words.location_word(queries.place):
-            gates["place"] = gate(queries.place)
-        return gates
+    panorama = stitch(logits.masked_fill(~allowed, -torch.inf))
+    angle, row, column = np.unravel_index(int(panorama.argmax()), panorama.shape)
+    return split((int(angle), int(row), int(column)), logits.shape[-1])
