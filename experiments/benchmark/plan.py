@@ -28,7 +28,7 @@ OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
 is the paper's training task, which it does not measure."""
 WORLD = "varied"
 """The world in which the demonstrations are collected."""
-ENTRIES = ("demonstrations", "multi", "tiers", "search", "settings", "longer", "skipped")
+ENTRIES = ("demonstrations", "multi", "tiers", "search", "wider_search", "settings", "longer", "skipped")
 """The entries of a plan."""
 IDENTITY = tuple(name for name in results.IDENTITY if name not in ("data_sha256", "checkpoint_sha256"))
 """The entries that identify a row of the benchmark. A row of a policy that is trained anew replaces the old one."""
@@ -173,9 +173,13 @@ class Plan:
             raise ValueError(f"tier must be one of {', '.join(tiers)}, got {name!r}")
         return list(dict.fromkeys(cell for group in tiers[name] for cell in self._cells(group)))
 
-    def search(self) -> list[Cell]:
-        """The cells on validation episodes that choose the settings of the methods: every trial of every method."""
-        search = self._content["search"]
+    def search(self, entry: str = "search") -> list[Cell]:
+        """The cells on validation episodes of a search for the settings of the methods: every trial of every method.
+
+        Args:
+            entry: "search", which chooses the settings, or "wider_search".
+        """
+        search = self._content[entry]
         cells = []
         for method, task, trial in itertools.product(search["methods"], search["tasks"], search["trials"]):
             training = Training(method, (task,), search["demos"], seed=0, **trial, **self._clip)

@@ -38,7 +38,11 @@ def empty(tmp_path, monkeypatch):
 
 
 def all_cells(whole):
-    cells = [*whole.search(), *itertools.chain(*(whole.tier(name) for name in CONTENT["tiers"]))]
+    cells = [
+        *whole.search(),
+        *whole.search("wider_search"),
+        *itertools.chain(*(whole.tier(name) for name in CONTENT["tiers"])),
+    ]
     return list(dict.fromkeys(cells))
 
 
