@@ -1,14 +1,21 @@
-"""The configuration that all methods share. Each method adds its own numbers in a dataclass beside its class."""
+"""The configuration that all methods share. Each method adds its own numbers in a dataclass beside its class.
+
+A configuration is flat: each value has one name. By its types it has two parts. `InputConfig`, and what derives from it
+alone, is what a policy reads when it turns views and a sentence into its networks' inputs. `Config` adds what networks,
+training and acting read. Prepared training steps are made with the first part (`Config.inputs`), and know no other.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 from gem_lite.se2 import CELLS_MULTIPLE, LONGEST_SIDE, Workspace
+
+T = TypeVar("T")
 
 
 class Allowed(NamedTuple):
@@ -18,17 +25,14 @@ class Allowed(NamedTuple):
     holds: Callable[[Any], bool]
 
 
-def whole_number(low: int, *, odd: bool = False) -> Allowed:
-    """A whole number from ``low`` on."""
+def whole_number(low: int, high: int | None = None, *, odd: bool = False) -> Allowed:
+    """A whole number from ``low`` on, or to ``high``."""
     return Allowed(
-        f"{'an odd' if odd else 'a'} whole number from {low} on",
-        lambda value: type(value) is int and value >= low and (value % 2 == 1 or not odd),
+        f"{'an odd' if odd else 'a'} whole number from {low} {'on' if high is None else f'to {high}'}",
+        lambda value: (
+            type(value) is int and value >= low and (high is None or value <= high) and (value % 2 == 1 or not odd)
+        ),
     )
-
-
-def up_to(high: int) -> Allowed:
-    """A whole number from 0 to ``high``."""
-    return Allowed(f"a whole number from 0 to {high}", lambda value: type(value) is int and 0 <= value <= high)
 
 
 def _is_number(value: object) -> bool:
@@ -45,22 +49,17 @@ def above_0(high: float) -> Allowed:
     return Allowed(f"a number above 0 and up to {high}", lambda value: _is_number(value) and 0 < value <= high)
 
 
-def each(entry: Allowed, count: int) -> Allowed:
+def each(one: Allowed, count: int) -> Allowed:
     """A tuple of ``count`` values."""
     return Allowed(
-        f"{count} values, each {entry.words}",
-        lambda value: isinstance(value, tuple) and len(value) == count and all(map(entry.holds, value)),
+        f"{count} values, each {one.words}",
+        lambda value: isinstance(value, tuple) and len(value) == count and all(map(one.holds, value)),
     )
 
 
-def one_of(names: Sequence[str]) -> Allowed:
-    """One of some names."""
-    return Allowed(f"one of {', '.join(names)}", lambda value: value in names)
-
-
-def or_none(entry: Allowed) -> Allowed:
+def or_none(one: Allowed) -> Allowed:
     """A value or None."""
-    return Allowed(f"{entry.words}, or None", lambda value: value is None or entry.holds(value))
+    return Allowed(f"{one.words}, or None", lambda value: value is None or one.holds(value))
 
 
 COUNT = whole_number(1)
@@ -71,6 +70,17 @@ LENGTH = above_0(LONGEST_SIDE)
 """A length on a table (m)."""
 RADIUS = number(0, LONGEST_SIDE)
 """A distance on a table (m), or 0."""
+
+
+def entry(default: T, allowed: Allowed, *, added: bool = False) -> T:
+    """An entry of a configuration, as the default of a dataclass's field.
+
+    Args:
+        allowed: what it may be.
+        added: whether it is younger than some stored rows. Then it is left out of `InputConfig.as_dict` while it has
+            its default, so that configurations, and what is named after them, stay what they were.
+    """
+    return field(default=default, metadata={"allowed": allowed, "added": added})
 
 
 class Ablation(NamedTuple):
@@ -93,90 +103,41 @@ SHARED_ENDINGS = {**SHARED_ABLATIONS, MULTI_TASK: Ablation("one policy for sever
 
 
 @dataclass(frozen=True)
-class Config:
-    """What every method needs. The defaults are those of `lite`: for two CPU cores; `paper` is for a GPU.
-
-    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`,
-    `ABLATIONS`, `AFTER_PREPARATION` and `ALLOWED`.
+class InputConfig:
+    """What decides the inputs of every method's networks. A method whose inputs need more derives its own part.
 
     Attributes:
-        name: the preset from which it was made.
         table: length of the table (m); it is half as wide. Its middle is that of the default workspace.
-        rectangle: x_min, x_max, y_min, y_max (m) of a table of another form; then ``table`` has no effect.
         pixel: size of a height map's cell (m).
-        angles: how many angles are sampled at the output.
         parser: the name of the reader of instructions (`language.PARSERS`).
         parsing: whether the method gets two phrases, or the whole instruction twice.
         locations: whether a location word chooses among the responses of a semantic map
             (`maps.query_maps.located`), for methods whose networks or gates have one.
         location_code: whether the networks get the location words of a phrase besides its embedding
             (`language.location_code`).
-        empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
-        turn: whether training turns scenes; it always shifts them.
-        steps, batch, learning_rate: training.
-        ablations: the `ABLATIONS` from which it was made (`ablated`). They become part of the method's name; the same
-            values without an ablation do not.
+        rectangle: x_min, x_max, y_min, y_max (m) of a table of another form; then ``table`` has no effect.
 
     Raises:
-        ValueError: a value that `ALLOWED` does not allow, a table that the pixels do not cover evenly, an unknown
-            ablation, a value that contradicts an ablation, or a rectangle that is none.
+        ValueError: a value that its `entry` does not allow, a table that the pixels do not cover evenly, or a rectangle
+            that is none.
     """
 
-    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
-        "lite": {},
-        "paper": {"pixel": 0.003125, "angles": 72, "steps": 30_000, "batch": 1, "learning_rate": 1e-4},
-    }
-    """The entries that each preset changes, by its name."""
-    ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ENDINGS
-    """Endings of a method's name (A.2), in the order in which a name holds several."""
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = frozenset({
-        "name", "angles", "empty_radius", "turn", "steps", "batch", "learning_rate", "ablations",
-    })  # fmt: skip
-    """The entries that the preparation of training steps does not read: names, and what only networks, training and
-    acting read. Configurations that differ in these alone have the same prepared steps (`preparation`). A method whose
-    preparation reads one of them leaves it out of its own set; a new field is in no set until somebody adds it."""
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        "name": TEXT, "table": LENGTH, "pixel": LENGTH, "angles": COUNT, "parser": TEXT, "parsing": FLAG,
-        "locations": FLAG, "location_code": FLAG, "empty_radius": RADIUS, "turn": FLAG, "steps": COUNT, "batch": COUNT,
-        "learning_rate": above_0(1), "ablations": TEXTS, "rectangle": or_none(each(number(-1000, 1000), 4)),
-    }  # fmt: skip
-    """What each entry may be."""
-
-    ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
-    """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
-    so a trained policy can act with other values (`Policy.act_as`)."""
-    ADDED: ClassVar[frozenset[str]] = frozenset({"rectangle", "location_code"})
-    """The entries that are younger than some stored rows. They are left out of `as_dict` while they have their default,
-    so that configurations, and what is named after them, stay what they were."""
-
-    name: str = "lite"
-    table: float = 1.0
-    pixel: float = 0.00625
-    angles: int = 36
-    parser: str = "grammar"
-    parsing: bool = True
-    locations: bool = True
-    location_code: bool = True
-    empty_radius: float = 0.0125
-    turn: bool = True
-    steps: int = 1500
-    batch: int = 2
-    learning_rate: float = 1e-3
-    ablations: tuple[str, ...] = ()
-    rectangle: tuple[float, float, float, float] | None = None
+    table: float = entry(1.0, LENGTH)
+    pixel: float = entry(0.00625, LENGTH)
+    parser: str = entry("grammar", TEXT)
+    parsing: bool = entry(True, FLAG)
+    locations: bool = entry(True, FLAG)
+    location_code: bool = entry(True, FLAG, added=True)
+    rectangle: tuple[float, float, float, float] | None = entry(
+        None, or_none(each(number(-1000, 1000), 4)), added=True
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
-        for name, allowed in self.ALLOWED.items():
-            value = getattr(self, name)
-            if not allowed.holds(value):
-                raise ValueError(f"{name} must be {allowed.words}, got {value!r}")
-        for ending in self.ablations:
-            for key, value in self.ablation(ending).changes.items():
-                if getattr(self, key) != value:
-                    raise ValueError(
-                        f"{ending} needs {key} = {value!r}, got {getattr(self, key)!r}: "
-                        "it cannot be combined with another ablation or value of the same setting"
-                    )
+        for one in fields(self):
+            value = getattr(self, one.name)
+            allowed = one.metadata.get("allowed")
+            if allowed and not allowed.holds(value):
+                raise ValueError(f"{one.name} must be {allowed.words}, got {value!r}")
         if self.rectangle is not None:
             Workspace.covering(*self.rectangle, pixel=self.pixel)  # It refuses what is no rectangle.
         else:
@@ -192,6 +153,95 @@ class Config:
                 f"cells, such as {self.table / (2 * CELLS_MULTIPLE * nearest):.6g}, got {self.pixel}"
             )
 
+    @property
+    def workspace(self) -> Workspace:
+        """The workspace at this configuration's resolution."""
+        if self.rectangle is None:
+            return Workspace.of_length(self.table, self.pixel)
+        return Workspace.covering(*self.rectangle, pixel=self.pixel)
+
+    def on_table(self, length: float) -> Self:
+        """This configuration for a table of another length (m), covered by as many pixels."""
+        return replace(self, table=length, pixel=self.pixel * length / self.table)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The entries as JSON holds them: tuples become lists. Those that were added are left out at their default."""
+        values = {
+            one.name: getattr(self, one.name)
+            for one in fields(self)
+            if not one.metadata.get("added") or getattr(self, one.name) != one.default
+        }
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The inverse of `as_dict`; missing entries get their defaults.
+
+        Raises:
+            ValueError: names that this configuration does not have, or values that contradict each other.
+        """
+        unknown = set(values) - {one.name for one in fields(cls)}
+        if unknown:
+            raise ValueError(f"the configuration has unknown entries {sorted(unknown)}")
+        entries: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+        }
+        return cls(**entries)
+
+
+@dataclass(frozen=True)
+class Config(InputConfig):
+    """What every method needs. The defaults are those of `lite`: for two CPU cores; `paper` is for a GPU.
+
+    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`, and
+    `ABLATIONS`. If its inputs need entries of their own, these are a class of their own (`INPUTS`), from which the
+    configuration derives, too.
+
+    Attributes:
+        name: the preset from which it was made.
+        angles: how many angles are sampled at the output.
+        empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
+        turn: whether training turns scenes; it always shifts them.
+        steps, batch, learning_rate: training.
+        ablations: the `ABLATIONS` from which it was made (`ablated`). They become part of the method's name; the same
+            values without an ablation do not.
+
+    Raises:
+        ValueError: see `InputConfig`; or an unknown ablation, or a value that contradicts an ablation.
+    """
+
+    INPUTS: ClassVar[type[InputConfig]] = InputConfig
+    """The part that decides the inputs of the method's networks."""
+    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
+        "lite": {},
+        "paper": {"pixel": 0.003125, "angles": 72, "steps": 30_000, "batch": 1, "learning_rate": 1e-4},
+    }
+    """The entries that each preset changes, by its name."""
+    ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ENDINGS
+    """Endings of a method's name (A.2), in the order in which a name holds several."""
+    ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
+    """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
+    so a trained policy can act with other values (`Policy.act_as`)."""
+
+    name: str = entry("lite", TEXT)
+    angles: int = entry(36, COUNT)
+    empty_radius: float = entry(0.0125, RADIUS)
+    turn: bool = entry(True, FLAG)
+    steps: int = entry(1500, COUNT)
+    batch: int = entry(2, COUNT)
+    learning_rate: float = entry(1e-3, above_0(1))
+    ablations: tuple[str, ...] = entry((), TEXTS)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for ending in self.ablations:
+            for key, value in self.ablation(ending).changes.items():
+                if getattr(self, key) != value:
+                    raise ValueError(
+                        f"{ending} needs {key} = {value!r}, got {getattr(self, key)!r}: "
+                        "it cannot be combined with another ablation or value of the same setting"
+                    )
+
     @classmethod
     def preset(cls, name: str = "lite") -> Self:
         """One of the `PRESETS`. Raises ValueError if there is none with this name."""
@@ -205,6 +255,11 @@ class Config:
         if ending not in cls.ABLATIONS:
             raise ValueError(f"the ablation must be one of {', '.join(cls.ABLATIONS)}, got {ending!r}")
         return cls.ABLATIONS[ending]
+
+    @property
+    def inputs(self) -> InputConfig:
+        """The part that decides the inputs of the networks, and no other entry."""
+        return self.INPUTS(**{one.name: getattr(self, one.name) for one in fields(self.INPUTS)})
 
     @property
     def variant(self) -> str:
@@ -225,42 +280,3 @@ class Config:
     def digest(self) -> str:
         """Twelve hexadecimal digits that stand for every entry: SHA-256 of `as_dict` as JSON with sorted keys."""
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()[:12]
-
-    @property
-    def workspace(self) -> Workspace:
-        """The workspace at this configuration's resolution."""
-        if self.rectangle is None:
-            return Workspace.of_length(self.table, self.pixel)
-        return Workspace.covering(*self.rectangle, pixel=self.pixel)
-
-    def on_table(self, length: float) -> Self:
-        """This configuration for a table of another length (m), covered by as many pixels."""
-        return replace(self, table=length, pixel=self.pixel * length / self.table)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The entries as JSON holds them: tuples become lists. Those in `ADDED` are left out at their default."""
-        defaults = {entry.name: entry.default for entry in fields(self)}
-        entries = {
-            key: value for key, value in asdict(self).items() if key not in self.ADDED or value != defaults[key]
-        }  # fmt: skip
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in entries.items()}
-
-    @property
-    def preparation(self) -> dict[str, Any]:
-        """The entries that decide prepared training steps, as JSON holds them: all but `AFTER_PREPARATION`."""
-        return {key: value for key, value in self.as_dict().items() if key not in self.AFTER_PREPARATION}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """The inverse of `as_dict`; missing entries get their defaults.
-
-        Raises:
-            ValueError: names that this configuration does not have, or values that contradict each other.
-        """
-        unknown = set(values) - {entry.name for entry in fields(cls)}
-        if unknown:
-            raise ValueError(f"the configuration has unknown entries {sorted(unknown)}")
-        entries: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
-        }
-        return cls(**entries)

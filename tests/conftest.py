@@ -14,12 +14,15 @@ os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
 from nbval.plugin import IPyNbCell  # noqa: E402
+from small import SMALL  # noqa: E402
 
 from gem_lite import clip  # noqa: E402
 from gem_lite.evaluation import collecting  # noqa: E402
 from gem_lite.foundations import registry  # noqa: E402
+from gem_lite.policies.gem import Gem  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
 from gem_lite.tasks import Task  # noqa: E402
+from gem_lite.training import train  # noqa: E402
 
 
 class StagedTask(Task):
@@ -105,6 +108,23 @@ def demos(demo_set):
     """The first step of one episode, twice, so that each finds a crop of the other."""
     one = dataclasses.replace(demo_set[1][0], steps=demo_set[1][0].steps[:1])
     return [one, one]
+
+
+@pytest.fixture(scope="session")
+def prepared(model, demo_set):
+    """(steps, memory): the prepared steps of `demo_set` for `SMALL`, and its crops."""
+    policy = Gem(SMALL, model)
+    policy.remember(demo_set[1])
+    return list(policy.prepare(demo_set[1])), policy.memory
+
+
+@pytest.fixture(scope="session")
+def trained(prepared, model, tmp_path_factory):
+    """(policy, run): `SMALL`, trained with the seed 3, and the folder of its state. Both stay as they are."""
+    steps, memory = prepared
+    policy, run = Gem(SMALL, model, memory, seed=3), tmp_path_factory.mktemp("trained")
+    train.train(policy, steps, seed=3, run=run)
+    return policy, run
 
 
 SHORT_LESSONS = {"00", "01", "03", "04", "09"}

@@ -1,3 +1,5 @@
+"""Ablations: their names, and that each changes its part and no other."""
+
 import dataclasses
 import json
 import types
@@ -6,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
+from small import SMALL
 
-from gem_lite import clip
 from gem_lite.maps import query_maps, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints, methods
@@ -19,9 +21,6 @@ from gem_lite.policies.networks import parameter_count
 from gem_lite.training import train
 
 D = 16
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
-)
 WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention", "without-location-code"}
 """Ablations that change what the networks are made of."""
 WORDS_DIFFER = {"without-parsing", "without-location-code"}
@@ -30,11 +29,6 @@ INPUTS_DIFFER = WORDS_DIFFER | {
     "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map",
 }  # fmt: skip
 """Ablations that change what the networks see."""
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -136,30 +130,18 @@ def test_a_value_names_no_method(model, tmp_path):
         load_policy(path, model)
 
 
-def test_two_ablations_train_and_come_back_by_their_name(whole, model, tmp_path):
-    config = SMALL.ablated("without-parsing").ablated("without-image-map")
-    policy = Gem(config, model)
-    train.train(policy, whole[1], seed=0, run=tmp_path)
-    path = tmp_path / "policy.safetensors"
-    save_policy(policy, path, {})
-    loaded = load_policy(path, model)
-    assert loaded.name == checkpoints.read_card(path)["method"] == "gem-without-image-map-without-parsing"
-    assert loaded.config == config
-
-
-def test_a_digest_stands_for_every_entry():
+def test_a_digest_stands_for_every_entry_and_a_missing_one_has_its_default():
     digests = {dataclasses.replace(LITE, **changes).digest for changes in ({}, {"steps": 2}, {"widths": (1, 2, 3, 4)})}
     assert len(digests) == 3 and all(len(digest) == 12 for digest in digests)
     assert GemConfig.from_dict(json.loads(json.dumps(LITE.as_dict()))).digest == LITE.digest
-
-
-def test_entries_that_a_card_lacks_have_their_defaults():
     old = {key: value for key, value in LITE.as_dict().items() if key not in ("kernels", "semantic_map", "parsing")}
     assert GemConfig.from_dict(old) == LITE
 
 
 @pytest.mark.parametrize("ending", ABLATIONS)
-def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
+def test_an_ablation_changes_its_part_and_no_other_and_trains_acts_and_comes_back(
+    ending, whole, model, demos, tmp_path
+):  # fmt: skip
     reference, steps = whole
     policy = Gem(SMALL.ablated(ending), model)
     prepared = prepare(policy, demos)
@@ -174,47 +156,35 @@ def test_an_ablation_changes_its_part_and_no_other(ending, whole, model, demos):
     assert (same_maps and same_words) == (ending not in INPUTS_DIFFER)
     assert same_words == (ending not in WORDS_DIFFER)
 
-
-@pytest.mark.parametrize("ending", ABLATIONS)
-def test_every_ablation_trains_acts_and_comes_back(ending, whole, model, demos, tmp_path):
-    policy = Gem(SMALL.ablated(ending), model, memory=whole[0].memory)
-    steps = prepare(policy, demos) if ending in WORDS_DIFFER else whole[1]
-    train.train(policy, steps, seed=0, run=tmp_path)
+    before = policy.pick.encoder.out.weight.clone()
+    batch = train.make_batch(policy, prepared, np.random.default_rng(0))
+    train.Learner(policy, train.Accelerator(cpu=True)).step(batch, 1e-3)
     save_policy(policy, tmp_path / "policy.safetensors", {})
     loaded = load_policy(tmp_path / "policy.safetensors", model)
-    assert (
-        loaded.name
-        == policy.name
-        == checkpoints.read_card(tmp_path / "policy.safetensors")["method"]
-        == f"gem-{ending}"
-    )
+    stored = checkpoints.read_card(tmp_path / "policy.safetensors")["method"]
+    assert loaded.name == policy.name == stored == f"gem-{ending}"
+    trained = weights(loaded)
+    assert all(torch.equal(trained[key], value) for key, value in weights(policy).items())
+    assert not torch.equal(trained["pick.encoder.out.weight"], before)
     step = demos[0].steps[0]
     assert loaded.act(step.observation, step.instruction) == policy.act(step.observation, step.instruction)
 
 
-def test_without_semantic_map_it_is_one_everywhere(model, demos):
-    policy = Gem(SMALL.ablated("without-semantic-map"), model)
-    for step in prepare(policy, demos):
-        for role in ("pick", "place"):
-            assert torch.equal(step[1].maps[role], torch.ones(1, *SMALL.workspace.shape))
-    assert policy.memory is None
-
-
-def test_single_view_comes_from_the_height_map(model, demos):
-    policy = Gem(SMALL.ablated("with-single-view"), model)
+def test_a_changed_map_is_what_its_name_says(model, demos, whole):
+    constant = Gem(SMALL.ablated("without-semantic-map"), model)
+    for step in prepare(constant, demos):
+        assert all(torch.equal(step[1].maps[role], torch.ones(1, *SMALL.workspace.shape)) for role in ("pick", "place"))
+    single = Gem(SMALL.ablated("with-single-view"), model)
     step = demos[0].steps[0]
-    scene = policy.embed(step.observation.views)
-    maps = policy.maps(scene, step.phrases.pick)
-    assert np.array_equal(maps.text, semantic_map.single_view_map(scene, step.phrases.pick, model))
-
-
-def test_without_image_map_nothing_is_remembered(model, demos, whole):
-    policy = Gem(SMALL.ablated("without-image-map"), model)
-    for step, reference in zip(prepare(policy, demos), whole[1], strict=True):
+    scene = single.embed(step.observation.views)
+    expected = semantic_map.single_view_map(scene, step.phrases.pick, model)
+    assert np.array_equal(single.maps(scene, step.phrases.pick).text, expected)
+    text_alone = Gem(SMALL.ablated("without-image-map"), model)
+    for step, reference in zip(prepare(text_alone, demos), whole[1], strict=True):
         for role, semantic in step[1].maps.items():
             assert torch.equal(semantic, step[0].maps[role])
             assert torch.equal(semantic, reference[0].maps[role])
-    assert policy.memory is None
+    assert constant.memory is None and text_alone.memory is None
 
 
 def test_without_parsing_both_modules_hear_the_whole_sentence(model):

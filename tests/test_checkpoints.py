@@ -1,7 +1,6 @@
 """Checkpoints: their names, their two files, and copies of a policy."""
 
 import copy
-import dataclasses
 import io
 import os
 import pickle
@@ -10,25 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small import SMALL
 
 from gem_lite import clip
 from gem_lite.cli import main
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies.checkpoints import card_path, load_policy, read_card, save_policy
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.observation import Observation
 
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
-)  # fmt: skip
 SCENE = clip.DATA / "foreign-scenes" / "workbench"
 SENTENCE = "put the red block in the blue bowl"
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +39,10 @@ def test_names_with_a_dot_are_told_apart(policy, model, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "lr-0.1.json", "lr-0.1.safetensors", "lr-0.2.json", "lr-0.2.safetensors",
     ]  # fmt: skip
-    assert same(load_policy(tmp_path / "lr-0.1.safetensors", model), policy)
-    assert same(load_policy(str(tmp_path / "lr-0.2.safetensors"), model), other)
+    first = load_policy(tmp_path / "lr-0.1.safetensors", model, SMALL)
+    assert same(first, policy) and same(load_policy(str(tmp_path / "lr-0.2.safetensors"), model), other)
+    assert [entry.phrase for entry in first.memory.entries] == ["red block"]
+    assert torch.allclose(first.memory.values, policy.memory.values, atol=1e-6)
     assert card_path("runs/lr-0.1.safetensors") == Path("runs/lr-0.1.json")
 
 

@@ -1,12 +1,14 @@
 """Configurations and labels: what is not allowed ends in one sentence, before anything is computed."""
 
 import dataclasses
+import itertools
 import math
 
 import pytest
 
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.config import Config
+from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies import methods
 from gem_lite.policies.cliport import ClipPortConfig
 from gem_lite.policies.gem_config import LITE, GemConfig
@@ -17,12 +19,26 @@ from gem_lite.se2 import Pose2
 NAN = math.nan
 
 
-@pytest.mark.parametrize("name", methods.meanings())
-def test_the_library_says_of_every_entry_what_it_may_be(name):
-    for preset in ("lite", "paper"):
+def test_the_library_says_of_every_entry_what_it_may_be():
+    for name, preset in itertools.product(methods.meanings(), ("lite", "paper")):
         config = methods.find(name, preset)[1]
-        assert set(config.ALLOWED) == {field.name for field in dataclasses.fields(config)}
+        assert all("allowed" in field.metadata for field in dataclasses.fields(config)), name
         assert type(config).from_dict(config.on_table(1.06).as_dict()) == config.on_table(1.06)
+
+
+def test_digests_of_configurations_are_those_of_stored_rows():
+    shipped = {LITE.digest, methods.find("transporter-lan")[1].digest, methods.find("cliport", "paper")[1].digest}
+    assert shipped == {"2014e395030e", "d9bdabce1b3a", "46440fce55e3"}
+    added = dataclasses.replace(LITE, rectangle=(0.0, 0.9, 0.0, 0.45), location_code=False).as_dict().keys()
+    assert added - LITE.as_dict().keys() == {"rectangle", "location_code"}
+
+
+def test_the_inputs_of_a_configuration_are_a_part_of_its_own():
+    part = LITE.inputs
+    assert type(part) is MapConfig and isinstance(LITE, MapConfig)
+    assert part == dataclasses.replace(LITE, steps=7, peak_margin=None, kernel=9, turn=False).inputs
+    assert (part.pixel, part.own_crop, part.workspace) == (LITE.pixel, LITE.own_crop, LITE.workspace)
+    assert not hasattr(part, "steps") and not hasattr(part, "peak_margin")
 
 
 @pytest.mark.parametrize(

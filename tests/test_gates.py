@@ -10,7 +10,6 @@ import torch
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
-from gem_lite.maps.query_maps import MapConfig
 from gem_lite.policies import checkpoints, methods
 from gem_lite.policies.base import Policy
 from gem_lite.policies.choosing import Gate, gated, near_peak
@@ -140,7 +139,7 @@ def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_t
     everything = [
         Pose2(x, y) for x, y in np.stack(SMALL.workspace.to_world(rows, cols), axis=-1)[::2, ::2].reshape(-1, 2)
     ]
-    gates = {"pick": Gate(spots((40, 40, 1.0)), FLAT, MapConfig())}
+    gates = {"pick": Gate(spots((40, 40, 1.0)), FLAT, LITE)}
     assert choose(policy, monkeypatch, pick, place, everything, gates=gates).pick_cell[1:] == (40, 40)
 
 

@@ -1,45 +1,23 @@
 """Training that goes wrong: each way ends in a clear sentence, with the last good state or checkpoint whole."""
 
-import dataclasses
 import errno
 import os
 import pickle
 import signal
 import subprocess
 import sys
-import types
 from pathlib import Path
 
 import pytest
 import torch
+from small import SMALL, weights
 
-from gem_lite import clip
 from gem_lite.cli import main
+from gem_lite.cli.train import state_folder
 from gem_lite.policies import checkpoints, transporter
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.gem_config import LITE
 from gem_lite.training import train
-
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
-)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
-
-
-@pytest.fixture(scope="module")
-def prepared(model, demo_set):
-    policy = Gem(SMALL, model)
-    policy.remember(demo_set[1])
-    return list(policy.prepare(demo_set[1])), policy.memory
-
-
-def weights(policy: Gem) -> torch.Tensor:
-    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
 
 
 def test_a_loss_that_is_not_finite_stops_with_the_state_intact(prepared, model, tmp_path, monkeypatch):
@@ -90,30 +68,29 @@ def fail_from_the_nth_write(monkeypatch, n, suffix):
     monkeypatch.setattr(Path, "write_bytes", write)
 
 
-def test_a_full_disk_leaves_the_last_state(prepared, model, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_last_state(prepared, trained, model, tmp_path, monkeypatch):
     steps, memory = prepared
     monkeypatch.setattr(train, "SAVE_EVERY", 1)
     with monkeypatch.context() as patch:
         fail_from_the_nth_write(patch, 3, "state")
         with pytest.raises(OSError, match=r"state of step 3 cannot be saved .*No space left.* holds step 2, intact"):
-            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "full")
-    assert [path.name for path in (tmp_path / "full").iterdir()] == ["state.pt"]
-    resumed, whole = Gem(SMALL, model, memory), Gem(SMALL, model, memory, seed=3)
-    train.train(resumed, steps, seed=3, run=tmp_path / "full")
-    train.train(whole, steps, seed=3, run=tmp_path / "whole")
-    assert torch.allclose(weights(resumed), weights(whole), atol=1e-6)
+            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["state.pt"]
+    resumed = Gem(SMALL, model, memory)
+    train.train(resumed, steps, seed=3, run=tmp_path)
+    assert torch.equal(weights(resumed), weights(trained[0]))
 
 
-@pytest.mark.parametrize("file", ["safetensors", "json"])
-def test_a_full_disk_leaves_the_old_checkpoint(file, prepared, model, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_old_checkpoint(prepared, model, tmp_path, monkeypatch):
     old, path = Gem(SMALL, model, prepared[1], seed=1), tmp_path / "policy.safetensors"
     save_policy(old, path, {})
-    with monkeypatch.context() as patch:
-        fail_from_the_nth_write(patch, 1, file)
-        with pytest.raises(OSError, match="No space left"):
-            save_policy(Gem(SMALL, model, prepared[1], seed=2), path, {})
-    assert torch.equal(weights(load_policy(path, model)), weights(old))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
+    for file in ("safetensors", "json"):
+        with monkeypatch.context() as patch:
+            fail_from_the_nth_write(patch, 1, file)
+            with pytest.raises(OSError, match="No space left"):
+                save_policy(Gem(SMALL, model, prepared[1], seed=2), path, {})
+        assert torch.equal(weights(load_policy(path, model)), weights(old))
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
 
 
 KILLED = """
@@ -121,61 +98,36 @@ import os, pickle, signal, sys, types
 from pathlib import Path
 from gem_lite.training import train
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.transporter import TransporterConfig
 
 run = Path(sys.argv[1])
-moment = sys.argv[2]
 settings, dim, steps = pickle.loads((run / "given").read_bytes())
 train.SAVE_EVERY = 1
 writes = []
 write_bytes = Path.write_bytes
-replace = os.replace
-make_batch = train.make_batch
-
-def die():
-    os.kill(os.getpid(), signal.SIGKILL)
 
 def write(path, content):
     writes.append(path)
-    if len(writes) == 3 and moment == "half of the third state is written":
+    if len(writes) == 3:
         write_bytes(path, content[: len(content) // 2])
-        die()
+        os.kill(os.getpid(), signal.SIGKILL)
     return write_bytes(path, content)
 
-def rename(old, new):
-    if len(writes) == 3 and moment == "the third state has its temporary name":
-        die()
-    replace(old, new)
-
-def draw(*args):
-    if len(writes) == 3 and moment == "the fourth step begins":
-        die()
-    return make_batch(*args)
-
-Path.write_bytes, os.replace, train.make_batch = write, rename, draw
+Path.write_bytes = write
 train.train(Gem(settings, types.SimpleNamespace(dim=dim), seed=3), steps, seed=3, run=run)
 """
-MOMENTS = {
-    "half of the third state is written": 2,
-    "the third state has its temporary name": 2,
-    "the fourth step begins": 3,
-}
-"""When the training dies, and the step of the state that it leaves."""
+"""A training that is killed when half of its third state is written."""
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_a_kill_at_any_moment_leaves_a_state_to_go_on_from(moment, prepared, model, tmp_path):
+def test_a_kill_at_any_moment_leaves_a_state_to_go_on_from(prepared, trained, model, tmp_path):
     # SIGKILL, which no handler sees.
-    steps, _ = prepared
-    settings = dataclasses.replace(SMALL, steps=6)
-    (tmp_path / "given").write_bytes(pickle.dumps((settings, model.dim, steps)))
-    child = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), moment], stderr=subprocess.DEVNULL)
+    steps, memory = prepared
+    (tmp_path / "given").write_bytes(pickle.dumps((SMALL, model.dim, steps)))
+    child = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], stderr=subprocess.DEVNULL)
     assert child.returncode == -signal.SIGKILL
-    assert torch.load(tmp_path / "state.pt")["step"] == MOMENTS[moment]
-    resumed, whole = (Gem(settings, types.SimpleNamespace(dim=model.dim), seed=seed) for seed in (99, 3))
+    assert torch.load(tmp_path / "state.pt")["step"] == 2
+    resumed = Gem(SMALL, model, memory, seed=99)
     train.train(resumed, steps, seed=3, run=tmp_path)
-    train.train(whole, steps, seed=3, run=tmp_path / "whole")
-    assert torch.allclose(weights(resumed), weights(whole), atol=1e-4)
+    assert torch.allclose(weights(resumed), weights(trained[0]), atol=1e-4)
 
 
 TEAM = """
@@ -183,10 +135,9 @@ import pickle, sys, types
 from pathlib import Path
 from accelerate import PartialState
 from gem_lite import clip, demonstrations
-from gem_lite.training import train
+from gem_lite.training import step_files, train
 from gem_lite.policies import methods
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.transporter import TransporterConfig
 
 folder, demos = Path(sys.argv[1]), demonstrations.load(Path(sys.argv[2]))
 rank = PartialState(cpu=True).process_index
@@ -197,7 +148,7 @@ honest = policy.embed
 prepared = []
 policy.embed = lambda views: prepared.append(1) or honest(views)
 steps = train.prepared_steps(policy, demos, folder)
-(folder / f"prepared-{rank}").write_text(f"{len(prepared)} {len(steps)} {steps.fingerprint}")
+(folder / f"prepared-{rank}").write_text(f"{len(prepared)} {len(steps)} {step_files.fingerprint(steps)}")
 
 settings, dim, steps = pickle.loads((folder / "given").read_bytes())
 policy = Gem(settings, types.SimpleNamespace(dim=dim), seed=3)
@@ -206,14 +157,13 @@ weights = {name: module.state_dict() for name, module in policy.roles.items()}
 (folder / f"weights-{rank}").write_bytes(pickle.dumps(weights))
 """
 """Each of several processes prepares demonstrations, and trains on given steps."""
-TEAM_SETTINGS = dataclasses.replace(SMALL, steps=4)
 
 
 @pytest.fixture(scope="module")
 def team(prepared, model, demo_set, tmp_path_factory):
     """The folder in which two processes have run `TEAM`."""
     folder = tmp_path_factory.mktemp("team")
-    (folder / "given").write_bytes(pickle.dumps((TEAM_SETTINGS, model.dim, prepared[0])))
+    (folder / "given").write_bytes(pickle.dumps((SMALL, model.dim, prepared[0])))
     (folder / "team.py").write_text(TEAM)
     # What `accelerate launch` calls on several GPUs; on CPUs it wants MPI.
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
@@ -222,11 +172,10 @@ def team(prepared, model, demo_set, tmp_path_factory):
     return folder
 
 
-def test_several_processes_average_their_gradients(team, prepared, model, tmp_path):
+def test_several_processes_average_their_gradients(team, trained):
     first, second = (pickle.loads((team / f"weights-{rank}").read_bytes()) for rank in (0, 1))
     assert torch.load(team / "state.pt")["identity"]["processes"] == 2
-    alone = Gem(TEAM_SETTINGS, types.SimpleNamespace(dim=model.dim), seed=3)
-    train.train(alone, prepared[0], seed=3, run=tmp_path)
+    alone = trained[0]
     for role, module in alone.roles.items():
         assert all(torch.equal(first[role][name], second[role][name]) for name in first[role])
         assert not all(torch.allclose(first[role][name], value) for name, value in module.state_dict().items())
@@ -270,61 +219,11 @@ def test_the_command_line_ends_in_clear_sentences(demo_set, tmp_path, monkeypatc
     assert not checkpoint.exists()
 
 
-def test_a_full_disk_at_the_very_end_loses_nothing(demo_set, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    arguments = (demo_set[0], tmp_path / "t.safetensors", "--method", "transporter-lan", "--seed", 4)
-    arguments += ("--config.steps", 2, "--config.batch", 1)
-    with monkeypatch.context() as patch:
-        fail_from_the_nth_write(patch, 1, "t.safetensors")
-        code, said = run_main(capsys, *arguments)
-    assert code == 2
-    assert "No space left" in said
-    (state,) = (tmp_path / "runs").glob("t-*/state.pt")
-    assert torch.load(state)["step"] == 2
-    assert main(["train", *map(str, arguments)]) == 0
-    said = capsys.readouterr().out
-    assert "resuming at step 2" in said
-    assert "transporter-lan on 2 demonstrations" in said
-    card = checkpoints.read_card(tmp_path / "t.safetensors")
-    assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
-    assert list(state.parent.iterdir()) == []
-
-
-def test_two_trainings_whose_checkpoints_have_one_name_keep_apart(demo_set, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(train, "SAVE_SECONDS", 0)
-    options = ("--method", "transporter-lan", "--episodes", 1, "--config.batch", 1, "--config.steps", 2)
-    honest, drawn = train.make_batch, []
-
-    def stop_at_the_second(*args):
-        drawn.append(1)
-        if len(drawn) == 2:
-            raise KeyboardInterrupt
-        return honest(*args)
-
-    monkeypatch.setattr(train, "make_batch", stop_at_the_second)
-    assert run_main(capsys, demo_set[0], "a/p.safetensors", *options)[0] == 130
-    assert run_main(capsys, demo_set[0], "b/p.safetensors", *options)[0] == 0
-    assert main(["train", str(demo_set[0]), str(tmp_path / "a" / "p.safetensors"), *map(str, options)]) == 0
-    assert "resuming at step 1" in capsys.readouterr().out, "the other training has not touched its state"
-    assert (tmp_path / "a" / "p.safetensors").exists() and (tmp_path / "b" / "p.safetensors").exists()
-
-
-@pytest.mark.parametrize("content", [b"", b"half", None], ids=["empty", "something else", "cut"])
-def test_a_damaged_state_is_named(content, prepared, model, tmp_path):
-    steps, memory = prepared
-    state = tmp_path / "state.pt"
-    if content is None:
-        train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
-        content = state.read_bytes()[:-1000]
-    state.write_bytes(content)
-    with pytest.raises(ValueError, match=r"state\.pt is cut off or no state of a training: remove it to begin anew$"):
-        train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
-
-
-def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
-    command = ["train", str(demo_set[0]), str(tmp_path / "t.safetensors"), "--method", "transporter-lan"]
-    command += ["--state", str(tmp_path / "run"), "--config.steps", "2"]
+def test_a_command_that_is_stopped_goes_on_where_it_was(demo_set, tmp_path, monkeypatch, capsys):
+    """It is stopped in the preparation, then the disk is full at the very end."""
+    run, checkpoint = tmp_path / "run", tmp_path / "t.safetensors"
+    command = [demo_set[0], checkpoint, "--method", "transporter-lan", "--state", run, "--seed", 4]
+    command += ["--config.steps", 2, "--config.batch", 1]
     prepared = []
     honest = transporter.TransporterLan.embed
 
@@ -335,33 +234,55 @@ def test_a_stopped_preparation_goes_on_where_it_was(demo_set, tmp_path, monkeypa
         return honest(*args)
 
     monkeypatch.setattr(transporter.TransporterLan, "embed", stopped_at_the_third)
-    assert main(command) == 130
-    assert "the same command goes on" in capsys.readouterr().err
-    assert main(command) == 0
+    code, said = run_main(capsys, *command)
+    assert code == 130 and "the same command goes on" in said
+    with monkeypatch.context() as patch:
+        fail_from_the_nth_write(patch, 1, "t.safetensors")
+        code, said = run_main(capsys, *command)
+    assert code == 2 and "No space left" in said and not checkpoint.exists()
+    assert torch.load(run / "state.pt")["step"] == 2
+    assert main(["train", *map(str, command)]) == 0
+    said = capsys.readouterr().out
+    assert "resuming at step 2" in said and "transporter-lan on 2 demonstrations" in said
+    card = checkpoints.read_card(checkpoint)
+    assert (card["method"], card["seed"], card["demos"]) == ("transporter-lan", 4, 2)
     steps = sum(len(demo.steps) for demo in demo_set[1])
     assert len(prepared) == steps + 1, "the two steps before the stop are not prepared again"
-    assert (tmp_path / "t.safetensors").exists()
-    assert list((tmp_path / "run").iterdir()) == []
+    assert list(run.iterdir()) == []
 
 
-def test_the_paper_configuration_starts_and_resumes_on_a_cpu(demo_set, tmp_path, monkeypatch, capsys):
-    """30,000 steps at 320 x 160 are for a GPU; here the same command is stopped after one step, twice."""
-    run, honest, drawn = tmp_path / "run", train.make_batch, []
+def test_two_trainings_whose_checkpoints_have_one_name_keep_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    one, other, again = map(
+        state_folder, (Path("a/p.safetensors"), Path("b/p.safetensors"), tmp_path / "a" / "p.safetensors")
+    )
+    assert one == again != other and one.parent == other.parent == Path("runs")
+
+
+def test_a_damaged_state_is_named(prepared, trained, model, tmp_path):
+    state = tmp_path / "state.pt"
+    for content in (b"", b"half", (trained[1] / "state.pt").read_bytes()[:-1000]):
+        state.write_bytes(content)
+        with pytest.raises(
+            ValueError, match=r"state\.pt is cut off or no state of a training: remove it to begin anew$"
+        ):
+            train.train(Gem(SMALL, model, prepared[1]), prepared[0], seed=0, run=tmp_path)
+
+
+def test_the_paper_configuration_starts_on_a_cpu(demo_set, tmp_path, monkeypatch, capsys):
+    """30,000 steps at 320 x 160 are for a GPU; here the command is stopped after one step."""
+    honest, drawn = train.make_batch, []
 
     def stop_at_the_second(*args):
         drawn.append(1)
-        if len(drawn) % 2 == 0:
+        if len(drawn) == 2:
             raise KeyboardInterrupt
         return honest(*args)
 
     monkeypatch.setattr(train, "make_batch", stop_at_the_second)
     monkeypatch.setattr(train, "SAVE_SECONDS", 0)
-    command = ["train", str(demo_set[0]), str(tmp_path / "paper.safetensors"), "--preset", "paper", "--episodes", "1"]
-    command += ["--state", str(run)]
-    for steps in (1, 2):
-        assert main(command) == 130
-        said = capsys.readouterr()
-        assert "the same command goes on from the last state" in said.err
-        assert ("resuming at step 1" in said.out) == (steps == 2)
-        state = torch.load(run / "state.pt")
-        assert state["step"] == steps and state["identity"]["config"]["steps"] == 30_000
+    words = ("--preset", "paper", "--episodes", 1, "--state", tmp_path / "run")
+    code, said = run_main(capsys, demo_set[0], tmp_path / "paper.safetensors", *words)
+    assert code == 130 and "the same command goes on from the last state" in said
+    state = torch.load(tmp_path / "run" / "state.pt")
+    assert state["step"] == 1 and state["identity"]["config"]["steps"] == 30_000

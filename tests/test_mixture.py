@@ -4,22 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from small import SMALL
+from torch.utils.data import ConcatDataset
 
-from gem_lite import clip, demonstrations
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.evaluation import collecting
 from gem_lite.maps.crop_memory import demonstrated_crops
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.gem_config import LITE
-from gem_lite.training import step_files, train
-from gem_lite.training.mixture import Joined, draw
+from gem_lite.training import train
 
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=2, batch=1
-)
-MULTI = dataclasses.replace(SMALL, ablations=("multi",))
+TWO_STEPS = dataclasses.replace(SMALL, steps=2)
+MULTI = dataclasses.replace(TWO_STEPS, ablations=("multi",))
 
 
 @pytest.fixture(scope="module")
@@ -40,61 +37,37 @@ def pushed(demonstration):
     return dataclasses.replace(demonstration, steps=tuple(steps))
 
 
-def test_joined_sequences_are_one_sequence():
-    joined = Joined([[1, 2, 3], [4], [5, 6]])
-    assert list(joined) == [1, 2, 3, 4, 5, 6] == joined[:]
-    assert (joined[-1], joined[3], len(joined)) == (6, 4, 6)
-    assert joined[2:5] == [3, 4, 5]
-    with pytest.raises(IndexError):
-        joined[6]
-    for parts in ([], [[1], []]):
-        with pytest.raises(ValueError, match="parts must be at least one sequence"):
-            Joined(parts)
-
-
 def test_every_task_is_drawn_equally_often():
     rng = np.random.default_rng(0)
-    joined = Joined([["a"] * 90, ["b"] * 10])
-    drawn = [draw(joined, rng) for _ in range(1000)]
+    joined = ConcatDataset([["a"] * 90, ["b"] * 10])
+    drawn = [train.draw(joined, rng) for _ in range(1000)]
     assert drawn.count("b") == pytest.approx(500, abs=60)
-    assert [draw(list(range(10)), np.random.default_rng(i)) for i in range(5)] == [
+    assert [train.draw(list(range(10)), np.random.default_rng(i)) for i in range(5)] == [
         int(np.random.default_rng(i).integers(10)) for i in range(5)
     ]
 
 
-def test_one_policy_is_trained_on_two_tasks_and_remembers_both(folders, tmp_path):
+def test_one_policy_is_trained_on_two_tasks_and_remembers_both(folders, model, tmp_path):
     bowl, packing = folders
     checkpoint = tmp_path / "multi.safetensors"
     card = train.train_from_folder(bowl, checkpoint, Gem, MULTI, tmp_path / "run", also=(packing,))
     assert card["method"] == "gem-multi" and card["demos"] == 2
     assert card["task"] == "put-block-in-bowl-seen-colors + packing-shapes-seen"
-    policy = load_policy(checkpoint, clip.load())
+    policy = load_policy(checkpoint, model)
     assert {entry.task for entry in policy.memory.entries} == {"put-block-in-bowl-seen-colors", "packing-shapes-seen"}
     assert methods.of_card(read_card(checkpoint))[1] == MULTI
 
 
 def test_the_number_of_folders_must_fit_the_method(folders, tmp_path):
     bowl, packing = folders
-    for settings, also in ((SMALL, (packing,)), (MULTI, ())):
+    for settings, also in ((TWO_STEPS, (packing,)), (MULTI, ())):
         with pytest.raises(ValueError, match="ending 'multi' needs several folders"):
             train.train_from_folder(bowl, tmp_path / "a.safetensors", Gem, settings, tmp_path / "run", also=also)
     assert not (tmp_path / "a.safetensors").exists()
 
 
-def test_other_tasks_change_the_data_of_a_multi_task_training(folders):
-    bowl, packing = (demonstrations.load(folder) for folder in folders)
-    model = clip.load()
-    policy = Gem(MULTI, model)
-    policy.remember(Joined([bowl, packing]))
-    steps = Joined([list(policy.prepare(bowl)), list(policy.prepare(packing))])
-    swapped = Joined(steps.parts[::-1])
-    assert step_files.fingerprint(steps) != step_files.fingerprint(swapped)
-    assert step_files.fingerprint(steps) == step_files.fingerprint(Joined(steps.parts))
-
-
-def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set):
+def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set, model):
     demos = [pushed(demonstration) for demonstration in demo_set[1]]
-    model = clip.load()
     policy = Gem(SMALL, model)
     policy.remember(demos)
     count = sum(len(demonstration.steps) for demonstration in demos)

@@ -1,3 +1,5 @@
+"""Training, checkpoints and decisions of a small GEM on two demonstrations."""
+
 import dataclasses
 import json
 import weakref
@@ -6,22 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import torch
+from small import SMALL, weights
 
 from gem_lite import clip, demonstrations
 from gem_lite.cli import main
+from gem_lite.evaluation import collecting
 from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import augment, choosing
 from gem_lite.policies import base as policy_module
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import numbered_steps
 from gem_lite.se2 import angle_off
-from gem_lite.training import train
-
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12, steps=4, batch=1
-)
+from gem_lite.training import folders, train
 
 
 def prepare(demos, model, settings):
@@ -35,38 +34,19 @@ def same_maps(one, other):
 
 
 @pytest.fixture(scope="module")
-def model():
-    return clip.load()
-
-
-@pytest.fixture(scope="module")
 def demonstrations_small(demo_set):
     return demo_set[1]
 
 
-@pytest.fixture(scope="module")
-def prepared(model, demonstrations_small):
-    return prepare(demonstrations_small, model, SMALL)
-
-
-def weights(policy: Gem) -> torch.Tensor:
-    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
-
-
-def test_labels_lie_on_the_expert(prepared, demonstrations_small):
-    steps, _ = prepared
+def test_labels_lie_on_the_expert_and_crops_show_what_it_picked(prepared, demonstrations_small):
+    steps, memory = prepared
     expert = demonstrations_small[0].steps[0].expert.action
     sample = steps[0][1]
-    w = SMALL.workspace
-    assert w.to_world(*sample.pick) == pytest.approx((expert.pick.x, expert.pick.y))
+    assert SMALL.workspace.to_world(*sample.pick) == pytest.approx((expert.pick.x, expert.pick.y))
     assert sample.pick_yaw == expert.pick.yaw
     assert sample.delta == pytest.approx(expert.delta)
     # The block is really there, in the height channel of the picture.
     assert sample.rgbd[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
-
-
-def test_the_memory_holds_what_every_step_picked(prepared, demonstrations_small):
-    steps, memory = prepared
     assert [entry.key for entry in memory.entries[::2]] == [
         (d.task, i) for i, d in enumerate(demonstrations_small) for _ in d.steps
     ]
@@ -76,18 +56,13 @@ def test_the_memory_holds_what_every_step_picked(prepared, demonstrations_small)
         assert np.allclose(entry.image[10, 10], centre, atol=0.1)
 
 
-def test_training_retrieval_never_finds_its_own_episode(model, demonstrations_small):
-    # One episode alone: everything in the memory is its own, so every image map must be missing.
-    steps, memory = prepare(demonstrations_small[:1], model, SMALL)
-    assert {entry.episode for entry in memory.entries} == {0}
-    for step in steps:
-        assert same_maps(step[1], step[0])
-
-
-def test_image_map_is_used_when_another_episode_has_the_phrase(model, demonstrations_small):
-    # The same episode twice, as episodes 0 and 1: each may now find the other.
-    steps, _ = prepare([demonstrations_small[0], demonstrations_small[0]], model, SMALL)
-    assert not torch.equal(steps[0][1].maps["pick"], steps[0][0].maps["pick"])
+def test_training_retrieves_crops_of_other_episodes_and_its_own_only_if_asked(model, demos):
+    # Of two equal episodes, each finds the other. Alone, every crop in the memory is its own.
+    own = dataclasses.replace(SMALL, own_crop=True)
+    for given, settings, found in ((demos, SMALL, True), (demos[:1], SMALL, False), (demos[:1], own, True)):
+        steps, memory = prepare(given, model, settings)
+        assert {entry.episode for entry in memory.entries} == set(range(len(given)))
+        assert all(same_maps(step[1], step[0]) != found for step in steps)
 
 
 def test_batches_hide_the_image_map_now_and_then(prepared, model):
@@ -101,19 +76,16 @@ def test_batches_hide_the_image_map_now_and_then(prepared, model):
     assert 5 < sum(hidden) < 40  # drop_image_map is 0.3
 
 
-def test_training_recolours_if_the_method_does(prepared, model, tmp_path, monkeypatch):
+def test_training_recolours_if_the_method_does(prepared, model, monkeypatch):
     recolored, honest = [], augment.recolored
     monkeypatch.setattr(augment, "recolored", lambda *args: recolored.append(1) or honest(*args))
-    for settings in (SMALL, SMALL.ablated("without-recoloring")):
-        train.train(Gem(settings, model, prepared[1]), prepared[0], seed=0, run=tmp_path / settings.variant)
-    assert len(recolored) == SMALL.steps * SMALL.batch
+    for settings in (dataclasses.replace(SMALL, batch=3), SMALL.ablated("without-recoloring")):
+        train.make_batch(Gem(settings, model, prepared[1]), prepared[0], np.random.default_rng(0))
+    assert len(recolored) == 3
 
 
-def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, monkeypatch):
+def test_a_killed_run_resumes_to_the_same_weights(prepared, trained, model, tmp_path, monkeypatch):
     steps, memory = prepared
-    whole = Gem(SMALL, model, memory, seed=3)
-    train.train(whole, steps, seed=3, run=tmp_path / "whole")
-
     monkeypatch.setattr(train, "SAVE_EVERY", 2)
     calls = []
     honest = Gem.losses
@@ -127,18 +99,34 @@ def test_a_killed_run_resumes_to_the_same_weights(prepared, model, tmp_path, mon
     with monkeypatch.context() as patch:
         patch.setattr(Gem, "losses", killed_at_the_fourth_step)
         with pytest.raises(KeyboardInterrupt):
-            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path / "killed")
+            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path)
     resumed = Gem(SMALL, model, memory, seed=99)
-    train.train(resumed, steps, seed=3, run=tmp_path / "killed")
-    assert torch.equal(weights(resumed), weights(whole))
-    assert not torch.allclose(weights(Gem(SMALL, model, memory, seed=3)), weights(whole), atol=1e-6)
+    torch.rand(1)  # What others draw from the global generator must not matter.
+    train.train(resumed, steps, seed=3, run=tmp_path)
+    assert torch.equal(weights(resumed), weights(trained[0]))
+    assert not torch.allclose(weights(Gem(SMALL, model, memory, seed=3)), weights(resumed), atol=1e-6)
 
 
-def test_another_trainings_state_is_refused(prepared, model, tmp_path):
+def test_any_number_of_workers_makes_the_same_losses(prepared, trained, model, tmp_path):
     steps, memory = prepared
-    train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
-    with pytest.raises(ValueError, match="other settings"):
-        train.train(Gem(SMALL, model, memory), steps, seed=1, run=tmp_path)
+    before = torch.get_rng_state()
+    policy, losses = Gem(SMALL, model, memory, seed=3), []
+    train.train(policy, steps, 3, tmp_path, watch=lambda step, of_step: losses.append(of_step), workers=2)
+    assert torch.equal(torch.get_rng_state(), before), "nothing is drawn from the global generator"
+    assert torch.equal(weights(policy), weights(trained[0]))
+    batches = train.Batches(Gem(SMALL, model, memory, seed=3), steps, seed=3)
+    first = batches.policy.losses(batches[0])
+    assert len(losses) == SMALL.steps and losses[0] == {role: loss.item() for role, loss in first.items()}
+
+
+def test_the_seed_decides_the_batches(prepared, model):
+    policy = Gem(SMALL, model, prepared[1])
+    one, same, seed, step, process = (
+        train.Batches(policy, prepared[0], *of)[number][0].rgbd
+        for of, number in (((7,), 0), ((7,), 0), ((8,), 0), ((7,), 1), ((7, 1), 0))
+    )
+    assert torch.equal(one, same)
+    assert not any(torch.equal(one, other) for other in (seed, step, process))
 
 
 def changed(step, **changes):
@@ -150,32 +138,20 @@ def brighter(sample):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "seed"),
     [
-        lambda step: changed(step, pick=(3.0, 4.0)),
-        lambda step: changed(step, pick_symmetry=0.0),
-        lambda step: changed(step, words=step[1].words | {"pick": step[1].words["pick"] + 1}),
-        lambda step: (brighter(step[0]), step[1]),
+        (lambda step: step, 1),
+        (lambda step: changed(step, pick=(3.0, 4.0)), 3),
+        (lambda step: changed(step, pick_symmetry=0.0), 3),
+        (lambda step: changed(step, words=step[1].words | {"pick": step[1].words["pick"] + 1}), 3),
+        (lambda step: (brighter(step[0]), step[1]), 3),
     ],
-    ids=["pick", "symmetry", "words", "text map"],
+    ids=["seed", "pick", "symmetry", "words", "text map"],
 )
-def test_the_state_of_other_labels_words_or_maps_is_refused(change, prepared, model, tmp_path):
+def test_the_state_of_another_training_is_refused(change, seed, prepared, trained, model):
     steps, memory = prepared
-    train.train(Gem(SMALL, model, memory), steps, seed=0, run=tmp_path)
     with pytest.raises(ValueError, match="other settings"):
-        train.train(Gem(SMALL, model, memory), [change(steps[0]), *steps[1:]], seed=0, run=tmp_path)
-
-
-def test_a_seed_decides_everything(prepared, model, tmp_path):
-    settings = dataclasses.replace(SMALL, steps=3)
-    found = []
-    for number, seed in enumerate((7, 7, 8)):
-        policy = Gem(settings, model, prepared[1], seed=seed)
-        torch.rand(number)  # what others draw from the global generator must not matter
-        train.train(policy, prepared[0], seed=seed, run=tmp_path / str(number))
-        found.append(weights(policy))
-    assert torch.equal(found[0], found[1])
-    assert not torch.equal(found[0], found[2])
+        train.train(Gem(SMALL, model, memory), [change(steps[0]), *steps[1:]], seed=seed, run=trained[1])
 
 
 def test_the_shipped_policy_does_what_its_demonstrations_show(model):
@@ -186,17 +162,6 @@ def test_the_shipped_policy_does_what_its_demonstrations_show(model):
         action, right = policy.act(step.observation, step.instruction), step.expert.action
         assert np.hypot(action.pick.x - right.pick.x, action.pick.y - right.pick.y) < 0.01
         assert angle_off(action.pick.yaw - right.pick.yaw, step.expert.pick_symmetry) < np.radians(10)
-
-
-def test_checkpoint_round_trip(prepared, model, tmp_path):
-    memory = prepared[1]
-    policy = Gem(SMALL, model, memory, seed=5)
-    path = tmp_path / "policy.safetensors"
-    save_policy(policy, path, {"task": "t", "demos": 2, "seed": 5})
-    loaded = load_policy(path, model, SMALL)
-    assert torch.equal(weights(loaded), weights(policy))
-    assert [e.phrase for e in loaded.memory.entries] == [e.phrase for e in memory.entries]
-    assert torch.allclose(loaded.memory.values, memory.values, atol=1e-6)
 
 
 def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
@@ -218,27 +183,6 @@ def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
         load_policy(path, model)
     with pytest.raises(FileNotFoundError, match="missing"):
         load_policy(tmp_path / "none.safetensors", model)
-
-
-def test_policy_is_deterministic_and_sees_only_views(prepared, model, demonstrations_small):
-    policy = Gem(SMALL, model, prepared[1], seed=1)
-    step = demonstrations_small[0].steps[0]
-    first, again = (policy.decide(step.observation, step.instruction) for _ in range(2))
-    assert first.action == again.action
-    assert np.array_equal(first.pick_map, again.pick_map)
-    assert SMALL.workspace.contains(first.action.pick.x, first.action.pick.y)
-    assert set(vars(step.observation)) == {"views"}
-
-
-def test_policy_refuses_bad_sentences_and_pictures(prepared, model, demonstrations_small):
-    policy = Gem(SMALL, model, prepared[1])
-    observation = demonstrations_small[0].steps[0].observation
-    cases = {"": "empty", "pick the red block": "no place", "put in the bowl": "nothing to pick"}
-    for sentence, message in cases.items():
-        with pytest.raises(ValueError, match=message):
-            policy.act(observation, sentence)
-    with pytest.raises(ValueError, match="rgb of camera"):
-        dataclasses.replace(observation.views[0], rgb=observation.views[0].rgb[:100])
 
 
 def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, demonstrations_small):
@@ -319,26 +263,44 @@ def test_acting_between_two_steps_changes_no_training(prepared, model, demonstra
     assert torch.equal(weights(plain), weights(acting))
 
 
-def test_its_own_crop_is_found_only_if_asked_for(model, demonstrations_small):
-    # One episode alone: every crop in the memory is its own.
-    steps, _ = prepare(demonstrations_small[:1], model, dataclasses.replace(SMALL, own_crop=True))
-    assert not any(same_maps(step[1], step[0]) for step in steps)
+def test_a_number_of_episodes_that_is_not_there_is_refused(demo_set):
+    for episodes in (0, -1, 3):
+        with pytest.raises(ValueError, match="episodes must be at"):
+            folders.demonstrations_of_tasks([demo_set[0]], episodes, SMALL)
 
 
-@pytest.mark.parametrize("episodes", ["0", "-1", "3"])
-def test_a_number_of_episodes_that_is_not_there_is_refused(episodes, demo_set, tmp_path, monkeypatch, capsys):
+def test_the_manifest_says_how_long_the_table_is(demo_set, tmp_path):
+    source, path = demonstrations.load(demo_set[0]), tmp_path / "manifest.json"
+    manifest = json.loads((demo_set[0] / "manifest.json").read_text())
+    moved = demonstrations.DemonstrationSet(tmp_path, source.sums)
+    for name in source.sums:
+        (tmp_path / name).write_bytes((demo_set[0] / name).read_bytes())
+    assert manifest["workspace"] == [0.25, 0.75, -0.5, 0.5]
+    path.write_text(json.dumps(manifest | {"workspace": [0.235, 0.765, -0.53, 0.53]}))
+    assert folders.on_table_of([moved], SMALL) == SMALL.on_table(1.06)
+    assert folders.on_table_of([source], SMALL) == SMALL
+    with pytest.raises(ValueError, match=r"tasks of the folders must have equally long tables, got \[1\.0, 1\.06\] m"):
+        folders.on_table_of([moved, source], SMALL)
+    path.write_text(json.dumps(manifest | {"workspace": [0, 1]}))
+    with pytest.raises(ValueError, match=r"manifest\.json has a wrong workspace, \[0, 1\]"):
+        folders.on_table_of([moved], SMALL)
+    del manifest["workspace"]
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(
+        ValueError, match=r"gem-lite collect put-block-in-bowl-seen-colors .* --episodes 2 --world home"
+    ):
+        folders.on_table_of([moved], SMALL)
+    collecting.collect(source[0].task, 2, tmp_path)
+    assert folders.on_table_of([moved], SMALL) == SMALL
+
+
+def test_demonstrations_that_measure_do_not_train(demonstrations_small, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["train", str(demo_set[0]), str(tmp_path / "p.safetensors"), "--episodes", episodes]) == 2
-    assert "episodes must be at" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("split", ["val", "test"])
-def test_demonstrations_that_measure_do_not_train(split, demonstrations_small, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    demonstrations.save([dataclasses.replace(one, split=split) for one in demonstrations_small], tmp_path / "demos")
-    assert main(["train", "demos", "p.safetensors", "--config.steps", "2"]) == 2
-    said = capsys.readouterr().err
-    assert f"demonstrations must be of the split 'train', got '{split}' in demos: episodes of that split" in said
+    for split in ("val", "test"):
+        demonstrations.save([dataclasses.replace(one, split=split) for one in demonstrations_small], tmp_path / "demos")
+        assert main(["train", "demos", "p.safetensors", "--config.steps", "2"]) == 2
+        said = capsys.readouterr().err
+        assert f"demonstrations must be of the split 'train', got '{split}' in demos: episodes of that split" in said
     assert not (tmp_path / "p.safetensors").exists()
 
 

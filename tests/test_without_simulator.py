@@ -13,7 +13,7 @@ from gem_lite.policies import checkpoints
 SHIPPED = "gem-put-block-in-bowl.safetensors"
 STORED = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 BLOCKED = "import sys; sys.modules['pybullet'] = None  # so that its import fails\n"
-BELOW = ("rgbd", "clip", "maps", "policies")
+BELOW = ("rgbd", "clip", "maps", "policies", "training")
 """Packages that a robot's own program uses."""
 
 

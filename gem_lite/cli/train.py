@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import inspect
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
@@ -51,8 +52,14 @@ def options(config: Config) -> type:
         (one.name, Literal[True, False] if hints[one.name] is bool else hints[one.name], getattr(config, one.name))
         for one in dataclasses.fields(config)
     ]
-    own = {"__doc__": type(config).__doc__, "__module__": __name__}
+    explained = "\n".join(filter(None, map(_attributes, type(config).__mro__)))
+    own = {"__doc__": f"The configuration.\n\nAttributes:\n{explained}", "__module__": __name__}
     return dataclasses.make_dataclass("Options", fields, namespace=own)
+
+
+def _attributes(kind: type) -> str:
+    """What a class's docstring says of its attributes: a configuration's entries are explained where they are."""
+    return inspect.cleandoc(kind.__dict__.get("__doc__") or "").partition("Attributes:\n")[2].partition("\n\n")[0]
 
 
 def start(
@@ -78,9 +85,9 @@ def start(
     --num_processes 4 -m gem_lite.cli train ...`), each draws its own batch.
 
     --config.NAME VALUE sets a value of the method's configuration:
-    `gem-lite train --method gem --help` lists them. The task sets the table's
-    length; --config.rectangle x_min x_max y_min y_max (m) is for a table of
-    your own.
+    `gem-lite train --method gem --help` lists them. The demonstrations set
+    the table's length; --config.rectangle x_min x_max y_min y_max (m) is for
+    a table of your own.
 
     Args:
         demonstrations: folder made by `gem-lite collect`, or with your own recorded episodes (docs/your_table.md)

@@ -57,9 +57,12 @@ def collect(
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     style = looks.style(world)
-    tasks.make(task_name, split)
+    table = tasks.make(task_name, split).workspace
     folder = Path(folder)
-    facts = {"task": task_name, "split": split, "world": world, "start": start}
+    facts = {
+        "task": task_name, "split": split, "world": world, "start": start,
+        "workspace": [table.x_min, table.x_max, table.y_min, table.y_max],
+    }  # fmt: skip
     label = f"{task_name} ({split})"
     with writing(folder):
         files: dict[str, str] = {}
@@ -88,8 +91,12 @@ def _check_failures(tried: int, succeeded: int, task_name: str) -> None:
 
 def _existing_episodes(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
     """The files of a stopped collection, and the index of the next episode to try."""
-    manifest = demonstrations.read_manifest(folder)
+    stored = demonstrations.read_manifest(folder)
+    manifest = {"workspace": facts["workspace"], **stored}  # Sets of earlier versions lack it.
     old_facts = {name: manifest.get(name) for name in facts}
     if old_facts != facts:
         raise ValueError(f"{folder} holds another set ({old_facts}, not {facts}): give another folder, or remove it")
-    return demonstrations.load(folder).sums, manifest["next"]
+    files = demonstrations.load(folder).sums
+    if manifest != stored:
+        demonstrations.write_manifest(folder, {**facts, "next": manifest["next"]}, files)
+    return files, manifest["next"]

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from scipy import sparse
 
 from gem_lite.clip import Clip
-from gem_lite.config import COUNT, LENGTH, Allowed, Config
+from gem_lite.config import COUNT, LENGTH, InputConfig, entry
 
 WIDTH = 640
 """The width in pixels of a picture whose patches have the side that `PatchConfig` says."""
 
 
 @dataclass(frozen=True)
-class PatchConfig(Config):
-    """The numbers of methods that embed patches by CLIP.
+class PatchConfig(InputConfig):
+    """What decides the patches that CLIP embeds.
 
     Attributes:
         patch, stride: CLIP patches of the side views (pixels of a 480 x 640 view; see `side_grid` for wider ones). The
@@ -29,18 +27,10 @@ class PatchConfig(Config):
         top_patch, top_stride: CLIP patches of the height map (m).
     """
 
-    PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
-        "lite": {},
-        "paper": {**Config.PRESETS["paper"], "patch": 40, "stride": 20},
-    }
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **Config.ALLOWED, "patch": COUNT, "stride": COUNT, "top_patch": LENGTH, "top_stride": LENGTH,
-    }  # fmt: skip
-
-    patch: int = 20
-    stride: int = 10
-    top_patch: float = 0.125
-    top_stride: float = 0.0625
+    patch: int = entry(20, COUNT)
+    stride: int = entry(10, COUNT)
+    top_patch: float = entry(0.125, LENGTH)
+    top_stride: float = entry(0.0625, LENGTH)
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,14 @@ table: it chooses one of the strongest responses and lowers the others. Training
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
 
 from gem_lite import language
-from gem_lite.config import FLAG, RADIUS, TEXT, Allowed, number, or_none
+from gem_lite.config import FLAG, TEXT, entry, number
 from gem_lite.language import Query
 from gem_lite.maps import semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
@@ -45,29 +44,20 @@ _SMALLEST: dict[str, _Keys] = {
 
 @dataclass(frozen=True)
 class MapConfig(PatchConfig):
-    """The numbers that decide a query's maps.
+    """What decides a query's maps.
 
     Attributes:
         text_weight, image_weight: w1 and w2 of Eq. 4.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
-        peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a thing on which its map is at most
-            ``peak_margin`` below its highest value (`policies.choosing`); with a margin of None it may lie anywhere.
+        own_crop: whether training may retrieve a crop of the step's own demonstration.
     """
 
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = PatchConfig.AFTER_PREPARATION | {"peak_margin", "peak_radius"}
-
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **PatchConfig.ALLOWED, "text_weight": number(0, 10), "image_weight": number(0, 10), "conjuncts": FLAG,
-        "semantic_map": TEXT, "peak_margin": or_none(number(0, 10)), "peak_radius": RADIUS,
-    }  # fmt: skip
-
-    text_weight: float = 0.8
-    image_weight: float = 0.2
-    conjuncts: bool = True
-    semantic_map: str = "multi-view"
-    peak_margin: float | None = 0.1
-    peak_radius: float = 0.0125
+    text_weight: float = entry(0.8, number(0, 10))
+    image_weight: float = entry(0.2, number(0, 10))
+    conjuncts: bool = entry(True, FLAG)
+    semantic_map: str = entry("multi-view", TEXT)
+    own_crop: bool = entry(False, FLAG)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from scipy import ndimage
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.language import Queries
-from gem_lite.maps.query_maps import MapConfig
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
@@ -91,11 +91,11 @@ class Gate:
 
     semantic: torch.Tensor
     height: torch.Tensor
-    config: MapConfig
+    config: GemConfig
 
 
 def near_peak(
-    semantic: torch.Tensor, height: torch.Tensor, allowed: torch.Tensor, config: MapConfig
+    semantic: torch.Tensor, height: torch.Tensor, allowed: torch.Tensor, config: GemConfig
 ) -> torch.Tensor:  # fmt: skip
     """The allowed cells close to where a semantic map is near its highest allowed value, or on the same thing.
 

@@ -22,7 +22,7 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import FLAG, LENGTH, Ablation, Allowed, up_to
+from gem_lite.config import FLAG, LENGTH, Ablation, InputConfig, entry, whole_number
 from gem_lite.language import Queries
 from gem_lite.policies.base import METHODS
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
@@ -33,32 +33,34 @@ from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 
 
 @dataclass(frozen=True)
-class ClipPortConfig(KeyQueryConfig):
-    """CLIPort's numbers.
+class FeatureConfig(InputConfig):
+    """What decides the features of CLIP that CLIPort reads.
 
     Attributes:
         top_patch: how much of the height map (m) is enlarged to the size of the pictures that CLIP knows.
-        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
         skips: how many of CLIP's inner features join the semantic stream, from 0 to 3. CLIPort has 3.
     """
 
+    top_patch: float = entry(0.125, LENGTH)
+    skips: int = entry(2, whole_number(0, 3), added=True)
+
+
+@dataclass(frozen=True)
+class ClipPortConfig(KeyQueryConfig, FeatureConfig):
+    """CLIPort's numbers.
+
+    Attributes:
+        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
+    """
+
+    INPUTS: ClassVar[type[InputConfig]] = FeatureConfig
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
         "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
         "with-three-skips": Ablation("all three of CLIPort's skip connections from CLIP's tower", {"skips": 3}),
         **KeyQueryConfig.ABLATIONS,
     }
-    ADDED: ClassVar[frozenset[str]] = KeyQueryConfig.ADDED | {"skips"}
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"recolor"}
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **KeyQueryConfig.ALLOWED,
-        "top_patch": LENGTH,
-        "recolor": FLAG,
-        "skips": up_to(3),
-    }
 
-    top_patch: float = 0.125
-    recolor: bool = True
-    skips: int = 2
+    recolor: bool = entry(True, FLAG)
 
 
 class Gate(nn.Module):

@@ -10,19 +10,24 @@ from gem_lite.config import (
     COUNT,
     FLAG,
     MULTI_TASK,
+    RADIUS,
     SHARED_ABLATIONS,
     SHARED_ENDINGS,
     Ablation,
     Allowed,
+    Config,
+    InputConfig,
     each,
+    entry,
     number,
-    one_of,
+    or_none,
     whole_number,
 )
 from gem_lite.maps import sources
 from gem_lite.maps.query_maps import MapConfig
 
 Kernels = Literal["steerable", "unrotated", "free"]
+KERNELS = Allowed(f"one of {', '.join(get_args(Kernels))}", lambda value: value in get_args(Kernels))
 
 ABLATIONS = {
     "without-semantic-map": Ablation("the map is 1 everywhere", {"semantic_map": "none"}),
@@ -57,12 +62,13 @@ off our additions: narrow patches, recolouring, map scaling, conjuncts, location
 
 
 @dataclass(frozen=True)
-class GemConfig(MapConfig):
+class GemConfig(Config, MapConfig):
     """GEM's numbers.
 
     Attributes:
+        peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a thing on which its map is at most
+            ``peak_margin`` below its highest value (`policies.gates`); with a margin of None it may lie anywhere.
         drop_image_map: how often training hides the image-conditioned map.
-        own_crop: whether training may retrieve a crop of the step's own demonstration.
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
@@ -78,42 +84,33 @@ class GemConfig(MapConfig):
         language_in_attention: whether the attention U-Nets get the words.
     """
 
+    INPUTS: ClassVar[type[InputConfig]] = MapConfig
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {
-            **MapConfig.PRESETS["paper"], "frequency": 16, "kernel": 33, "crop": 33, "widths": (32, 64, 128, 256),
-            "kernel_widths": (32, 64, 128), "fields": 16,
+            **Config.PRESETS["paper"], "patch": 40, "stride": 20, "frequency": 16, "kernel": 33, "crop": 33,
+            "widths": (32, 64, 128, 256), "kernel_widths": (32, 64, 128), "fields": 16,
         },
     }  # fmt: skip
-    ACTING: ClassVar[frozenset[str]] = MapConfig.ACTING | {"conjuncts", "locations", "peak_margin", "peak_radius"}
+    ACTING: ClassVar[frozenset[str]] = Config.ACTING | {"conjuncts", "locations", "peak_margin", "peak_radius"}
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = MapConfig.AFTER_PREPARATION | {
-        "drop_image_map", "map_gain", "map_offset", "recolor", "rotations", "frequency",
-        "kernel", "crop", "widths", "kernel_widths", "fields", "channels", "kernels", "language_in_attention",
-    }  # fmt: skip
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **MapConfig.ALLOWED, "drop_image_map": number(0, 1), "own_crop": FLAG, "map_gain": each(number(0, 10), 2),
-        "map_offset": number(0, 10), "recolor": FLAG, "rotations": COUNT, "frequency": whole_number(0),
-        "kernel": whole_number(1, odd=True), "crop": whole_number(1, odd=True), "widths": each(COUNT, 4),
-        "kernel_widths": each(COUNT, 3), "fields": COUNT, "channels": COUNT,
-        "kernels": one_of(get_args(Kernels)), "language_in_attention": FLAG,
-    }  # fmt: skip
 
-    drop_image_map: float = 0.3
-    own_crop: bool = False
-    map_gain: tuple[float, float] = (0.5, 1.2)
-    map_offset: float = 0.1
-    recolor: bool = True
-    rotations: int = 180
-    frequency: int = 8
-    kernel: int = 17
-    crop: int = 17
-    widths: tuple[int, ...] = (16, 24, 32, 48)
-    kernel_widths: tuple[int, ...] = (32, 48, 64)
-    fields: int = 6
-    channels: int = 3
-    kernels: Kernels = "steerable"
-    language_in_attention: bool = True
+    peak_margin: float | None = entry(0.1, or_none(number(0, 10)))
+    peak_radius: float = entry(0.0125, RADIUS)
+    drop_image_map: float = entry(0.3, number(0, 1))
+    map_gain: tuple[float, float] = entry((0.5, 1.2), each(number(0, 10), 2))
+    map_offset: float = entry(0.1, number(0, 10))
+    recolor: bool = entry(True, FLAG)
+    rotations: int = entry(180, COUNT)
+    frequency: int = entry(8, whole_number(0))
+    kernel: int = entry(17, whole_number(1, odd=True))
+    crop: int = entry(17, whole_number(1, odd=True))
+    widths: tuple[int, ...] = entry((16, 24, 32, 48), each(COUNT, 4))
+    kernel_widths: tuple[int, ...] = entry((32, 48, 64), each(COUNT, 3))
+    fields: int = entry(6, COUNT)
+    channels: int = entry(3, COUNT)
+    kernels: Kernels = entry("steerable", KERNELS)
+    language_in_attention: bool = entry(True, FLAG)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -21,12 +21,24 @@ import torch.nn.functional as F
 from torch import nn
 from typing_extensions import override
 
-from gem_lite.config import COUNT, FLAG, SHARED_ENDINGS, Ablation, Allowed, Config, each, or_none
+from gem_lite.config import (
+    COUNT,
+    FLAG,
+    SHARED_ENDINGS,
+    Ablation,
+    Allowed,
+    Config,
+    each,
+    entry,
+    or_none,
+    whole_number,
+)
 from gem_lite.language import Queries, split_location
-from gem_lite.maps.query_maps import MapConfig, query_maps
+from gem_lite.maps.query_maps import query_maps
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.policies.base import METHODS, Policy, SceneT
 from gem_lite.policies.choosing import Gate
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet
 from gem_lite.rgbd.camera import View
@@ -55,26 +67,20 @@ class KeyQueryConfig(Config):
         ),
         **SHARED_ENDINGS,
     }
-    ADDED: ClassVar[frozenset[str]] = Config.ADDED | {"pick_angles", "map_rules"}
     ACTING: ClassVar[frozenset[str]] = Config.ACTING | {"map_rules"}
 
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {**Config.PRESETS["paper"], "widths": (32, 64, 128, 256), "query": 31},
     }
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = Config.AFTER_PREPARATION | {
-        "widths", "channels", "query", "pick_angles", "map_rules",
-    }  # fmt: skip
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **Config.ALLOWED, "widths": each(COUNT, 4), "channels": COUNT, "pick_angles": or_none(COUNT), "map_rules": FLAG,
-        "query": Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15),
-    }  # fmt: skip
 
-    widths: tuple[int, ...] = (16, 24, 32, 48)
-    channels: int = 3
-    query: int = 15
-    pick_angles: int | None = None
-    map_rules: bool = False
+    widths: tuple[int, ...] = entry((16, 24, 32, 48), each(COUNT, 4))
+    channels: int = entry(3, COUNT)
+    query: int = entry(
+        15, Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15)
+    )  # fmt: skip
+    pick_angles: int | None = entry(None, or_none(COUNT), added=True)
+    map_rules: bool = entry(False, FLAG, added=True)
 
 
 @dataclass(frozen=True)
@@ -93,19 +99,13 @@ class TransporterConfig(KeyQueryConfig):
         "with-recoloring": Ablation("training exchanges and scales the colours", {"recolor": True}),
         **KeyQueryConfig.ABLATIONS,
     }
-    ADDED: ClassVar[frozenset[str]] = KeyQueryConfig.ADDED | {"recolor"}
     PRESETS: ClassVar[dict[str, dict[str, Any]]] = {
         "lite": {},
         "paper": {**KeyQueryConfig.PRESETS["paper"], "joins": 1},
     }
-    AFTER_PREPARATION: ClassVar[frozenset[str]] = KeyQueryConfig.AFTER_PREPARATION | {"joins", "recolor"}
-    ALLOWED: ClassVar[Mapping[str, Allowed]] = {
-        **KeyQueryConfig.ALLOWED, "recolor": FLAG,
-        "joins": Allowed("a whole number from 1 to 4", lambda value: COUNT.holds(value) and value <= 4),
-    }  # fmt: skip
 
-    joins: int = 2
-    recolor: bool = False
+    joins: int = entry(2, whole_number(1, 4))
+    recolor: bool = entry(False, FLAG, added=True)
 
 
 def turned_crops(
@@ -192,9 +192,9 @@ class Rival(Policy[SceneT]):
         return self.config.pick_angles or self.config.angles
 
     @cached_property
-    def _map_config(self) -> MapConfig:
+    def _map_config(self) -> GemConfig:
         same = {name: getattr(self.config, name) for name in ("table", "pixel", "rectangle", "locations", "parsing")}
-        return replace(MapConfig.preset(self.config.name), **same)
+        return replace(GemConfig.preset(self.config.name), **same)
 
     @cached_property
     def _map_source(self) -> MapSource:

@@ -11,6 +11,7 @@ from accelerate import PartialState
 from gem_lite import demonstrations, language
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
+from gem_lite.foundations.files import as_number
 from gem_lite.training import recorded_steps
 
 SPLIT = "train"
@@ -70,7 +71,8 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
     """The configuration for the tables of all demonstrations. Those of one's own table lie on the configuration's.
 
     Raises:
-        ValueError: demonstrations of our tasks with a rectangle or mixed with others, or tables of other lengths.
+        ValueError: demonstrations of our tasks with a rectangle or mixed with others, tables of other lengths, or a
+            manifest without its table.
     """
     own = {part[0].world == OWN_WORLD for part in sets}
     if own == {True}:
@@ -79,12 +81,26 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
         raise ValueError(
             "demonstrations of our tasks cannot have a rectangle, nor be mixed with those of another table"
         )
-    from gem_lite import tasks  # Only here: it needs the simulator, and one's own table needs none.
-
-    lengths = sorted({tasks.make(part[0].task).workspace.length for part in sets})
+    lengths = sorted({_table_length(part) for part in sets})
     if len(lengths) > 1:
         raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
     return settings.on_table(lengths[0])
+
+
+def _table_length(demos: DemonstrationSet) -> float:
+    """The length (m) of the table on which demonstrations of our tasks lie, as their manifest says it."""
+    limits = demonstrations.read_manifest(demos.folder).get("workspace")
+    if limits is None:
+        raise ValueError(
+            f'the manifest in {demos.folder} must have an entry "workspace": [x_min, x_max, y_min, y_max] (m), got '
+            f"none: gem-lite collect {demos[0].task} {demos.folder} --episodes {len(demos)} --world {demos[0].world} "
+            "adds it, and plays no episode again"
+        )
+    try:
+        _, _, y_min, y_max = map(as_number, limits)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{demos.folder}/manifest.json has a wrong workspace, {limits!r:.80}: {error}") from error
+    return y_max - y_min
 
 
 def data_hash(folders: Sequence[Path], episodes: int | None) -> str:

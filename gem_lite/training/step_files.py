@@ -1,15 +1,15 @@
 """Prepared steps in files: computed one at a time, written once, and read when a training draws them.
 
-The need for memory does not grow with the number of demonstrations: only one step is in memory at a time. The folder
-holds one compressed safetensors file for each step, and a manifest. The manifest names every file with its SHA-256. It
-is rewritten after each step, so that a stopped preparation can continue.
-
-Trainings may share a folder. Then each set of steps has a subfolder, named by a hash of everything that decides the
-steps. So trainings that differ only in what comes after the preparation read the same files.
+The need for memory does not grow with the number of demonstrations: only one step is in memory at a time. A set of
+steps has a folder, which is named by a hash of everything that decides the steps. So trainings that differ only in what
+comes after the preparation read the same files. The folder holds one compressed safetensors file for each step, and a
+manifest. The manifest names every file with its SHA-256. It is rewritten after each step, so that a stopped preparation
+can continue.
 """
 
 from __future__ import annotations
 
+import copy
 import functools
 import hashlib
 import json
@@ -20,18 +20,21 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any, cast
 
 import filelock
 import safetensors.torch
 import torch
+from torch.utils.data import ConcatDataset
 from typing_extensions import override
 
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.foundations import files, registry
 from gem_lite.policies.base import Policy
 from gem_lite.policies.inputs import PreparedStep, Sample
-from gem_lite.training.mixture import Joined
 
+ABOVE = ("cli", "drawing", "evaluation", "simulation", "tasks")
+"""The rooms of the library above this one. No preparation imports them, so their code decides no step."""
 LIBRARIES = ("numpy", "scipy", "torch", "transformers")
 """The libraries that compute prepared steps. With other versions, steps may differ in their last bits."""
 _PROCESS = uuid.uuid4().hex
@@ -45,68 +48,41 @@ class StoredSteps(files.FileSequence[PreparedStep]):
     def decode(self, path: Path, content: bytes) -> PreparedStep:
         return _decode(content)
 
-    @property
-    def fingerprint(self) -> str:
-        """SHA-256 of the whole content of the steps: pictures, maps, words and labels."""
-        return _combined(self.sums.values())
+
+Steps = Sequence[PreparedStep] | ConcatDataset[PreparedStep]
+"""Prepared steps of one task; or of several, which a training draws equally often."""
 
 
-def fingerprint(steps: Sequence[PreparedStep]) -> str:
-    """SHA-256 of the whole content of steps. It is the same for steps in memory and in files."""
+def fingerprint(steps: Steps) -> str:
+    """SHA-256 of the whole content of steps: pictures, maps, words and labels. Files and memory give the same."""
+    digests: Iterable[str]
     if isinstance(steps, StoredSteps):
-        return steps.fingerprint
-    if isinstance(steps, Joined):
-        return _combined(fingerprint(part) for part in steps.parts)
-    return _combined(hashlib.sha256(_encode(step)).hexdigest() for step in steps)
-
-
-def _combined(digests: Iterable[str]) -> str:
+        digests = steps.sums.values()
+    elif isinstance(steps, ConcatDataset):
+        digests = map(fingerprint, cast("list[Steps]", steps.datasets))
+    else:
+        digests = (hashlib.sha256(_encode(step)).hexdigest() for step in steps)
     return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def store(
-    steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, source: Mapping[str, object], code: str = ""
-) -> StoredSteps:
-    """Write steps one at a time. Steps that are already in ``folder`` are kept.
+    steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, facts: Mapping[str, object]
+) -> StoredSteps:  # fmt: skip
+    """Write steps one at a time into a subfolder of ``folder`` that is named by a hash of ``facts``.
+
+    Steps that are already there are kept; if a file of them is missing, all are made again. Of several processes that
+    need the same steps, one makes them, and the others wait and then read them.
 
     Args:
         steps_from: called with the number of existing steps; returns the other steps in their order.
-        source: the facts that decide the content of the steps, ready for JSON.
-        code: identifies the version of the program. Steps of another version are removed and computed again. So are
-            all steps if a file is missing.
-
-    Raises:
-        ValueError: ``folder`` holds steps with another source.
-        OSError: a step cannot be written; the steps before it stay.
-    """
-    manifest = _open_manifest(folder, dict(source), code)
-    sums = manifest["files"]
-    if not manifest["whole"]:
-        for number, step in enumerate(steps_from(len(sums)), len(sums)):
-            content = _encode(step)
-            name = f"step-{number:06d}.safetensors.zlib"
-            files.write_atomically(folder / name, content)
-            sums[name] = hashlib.sha256(content).hexdigest()
-            _write_manifest(folder, manifest)
-        manifest["whole"] = True
-        _write_manifest(folder, manifest)
-    return StoredSteps(folder, sums)
-
-
-def share(
-    steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, source: Mapping[str, object], code: str
-) -> StoredSteps:
-    """`store` in a subfolder of ``folder`` that is named by a hash of ``source`` and ``code``.
-
-    Of several processes that need the same steps, one makes them, and the others wait and then read them.
+        facts: all that decides the content of the steps, ready for JSON.
 
     Raises:
         OSError: a step cannot be written; the steps before it stay.
     """
-    facts = json.dumps({"source": source, "code": code}, sort_keys=True)
-    own = folder / hashlib.sha256(facts.encode()).hexdigest()[:16]
+    own = folder / hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
-    # Beside the subfolder, since `store` may begin with removing the subfolder.
+    # Beside the subfolder, since that may be removed.
     lock = filelock.FileLock(own.with_suffix(".lock"))
     try:
         lock.acquire(timeout=0)
@@ -114,66 +90,68 @@ def share(
         print(f"another process prepares the same steps in {own}: waiting for it")
         lock.acquire()
     try:
-        return store(steps_from, own, source, code)
+        return _stored(steps_from, own, facts)
     finally:
         lock.release()
 
 
-def prepare(policy: Policy, demos: DemonstrationSet, folder: Path, shared: bool = False) -> StoredSteps:
+def _stored(
+    steps_from: Callable[[int], Iterable[PreparedStep]], folder: Path, facts: Mapping[str, object]
+) -> StoredSteps:  # fmt: skip
+    """`store` in the subfolder, which no other process uses meanwhile."""
+    path = folder / "manifest.json"
+    manifest: dict[str, Any] = {"facts": facts, "whole": False, "files": {}}
+    if path.exists():
+        manifest = files.read_json(path.read_bytes(), path)
+        missing = [name for name in manifest["files"] if not (folder / name).exists()]
+        if missing:
+            print(f"{missing[0]} is missing: the steps in {folder} are prepared again")
+            shutil.rmtree(folder)
+            manifest |= {"whole": False, "files": {}}
+    sums = manifest["files"]
+    if manifest["whole"]:
+        return StoredSteps(folder, sums)
+    for number, step in enumerate(steps_from(len(sums)), len(sums)):
+        content = _encode(step)
+        name = f"step-{number:06d}.safetensors.zlib"
+        files.write_atomically(folder / name, content)
+        sums[name] = hashlib.sha256(content).hexdigest()
+        files.write_atomically(path, json.dumps(manifest).encode())
+    files.write_atomically(path, json.dumps(manifest | {"whole": True}).encode())
+    return StoredSteps(folder, sums)
+
+
+def prepare(policy: Policy, sets: Sequence[DemonstrationSet], folder: Path) -> Steps:
     """Prepare demonstrations for training: fill the policy's memory, and `store` the prepared steps.
 
     Args:
-        shared: whether ``folder`` is for the steps of many trainings, see `share`.
-
-    Raises: see `prepare_steps`.
-    """
-    policy.remember(demos)
-    return prepare_steps(policy, demos, folder, [demos], shared)
-
-
-def prepare_tasks(
-    policy: Policy, sets: Sequence[DemonstrationSet], folder: Path, shared: bool = False
-) -> Joined[PreparedStep]:
-    """`prepare` the demonstrations of several tasks for one policy. It may retrieve crops of every task.
-
-    Raises: see `prepare_steps`.
-    """
-    policy.remember(Joined(sets))
-    return Joined([
-        prepare_steps(policy, demos, folder if shared else folder / str(number), sets, shared)
-        for number, demos in enumerate(sets)
-    ])  # fmt: skip
-
-
-def prepare_steps(
-    policy: Policy, demos: DemonstrationSet, folder: Path, remembered: Sequence[DemonstrationSet],
-    shared: bool = False,
-) -> StoredSteps:  # fmt: skip
-    """`store` or `share` the prepared steps of demonstrations.
-
-    Args:
-        remembered: the demonstrations that the policy was given to remember, in their order.
-        shared: see `prepare`.
+        sets: the demonstrations of each task. A policy of several tasks may retrieve crops of every task.
 
     Raises:
-        ValueError: a step lacks the view of a camera; or ``folder`` is not shared, and holds steps of other
-            demonstrations, or for another method, configuration or CLIP.
+        ValueError: a step lacks the view of a camera.
         OSError: a step cannot be written; the steps before it stay.
     """
-    put = share if shared else store
-    source = identity(policy, demos, remembered)
-    return put(functools.partial(policy.prepare, demos), folder, source, code_digest(policy))
+    # The policy that makes inputs has only the part of its configuration that decides them: no other entry is there.
+    maker = copy.copy(policy)
+    vars(maker)["config"] = policy.config.inputs
+    maker.remember(ConcatDataset(sets))  # type: ignore[arg-type]  # Nothing is copied, and any sequence is a data set.
+    policy.memory = maker.memory
+    code = code_digest(policy)
+    parts = [
+        store(functools.partial(maker.prepare, demos), folder, identity(policy, demos, sets) | {"code": code})
+        for demos in sets
+    ]
+    return parts[0] if len(parts) == 1 else ConcatDataset(parts)  # type: ignore[arg-type]
 
 
 def identity(policy: Policy, demos: DemonstrationSet, remembered: Sequence[DemonstrationSet]) -> dict[str, object]:
     """The facts that decide the prepared steps, except for the program; ready for JSON.
 
-    Entries of the configuration that the preparation does not read are left out (`Config.preparation`). What is
-    remembered counts only for a method that remembers: without a memory, the steps of a task are the same, whether it
-    is trained alone or with others. A parser counts by its name, so two different ones need different names.
+    What is remembered counts only for a method that remembers: without a memory, the steps of a task are the same,
+    whether it is trained alone or with others. A parser counts by its name, so two different ones need different names.
 
     Args:
-        remembered: see `prepare_steps`.
+        remembered: the demonstrations that the policy was given to remember, in their order.
     """
     kind = type(policy)
     parser = policy.parser if hasattr(policy.parser, "__qualname__") else type(policy.parser)
@@ -181,7 +159,7 @@ def identity(policy: Policy, demos: DemonstrationSet, remembered: Sequence[Demon
     return {
         "data": demos.digest,
         "method": f"{kind.__module__}.{kind.__qualname__}",
-        "config": policy.config.preparation,
+        "config": policy.config.inputs.as_dict(),
         "clip": policy.clip.fingerprint,
         "device": policy.clip.device.type,
         "parser": f"{parser.__module__}.{parser.__qualname__}",
@@ -190,7 +168,7 @@ def identity(policy: Policy, demos: DemonstrationSet, remembered: Sequence[Demon
 
 
 def code_digest(policy: Policy) -> str:
-    """SHA-256 of the program that prepares steps for a policy. It changes with every change of the library's code.
+    """SHA-256 of the program that prepares steps for a policy: of the library's rooms, without those `ABOVE` this one.
 
     It also changes with the files of modules outside the library that define the policy or register something, and with
     the versions of `LIBRARIES`. Other modules that these import are not looked at.
@@ -198,47 +176,18 @@ def code_digest(policy: Policy) -> str:
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
-        digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
-    for name in _outside_modules(policy):
-        file = getattr(sys.modules.get(name), "__file__", None)
-        digest.update(name.encode() + (Path(file).read_bytes() if file else _PROCESS.encode()))
+        name = path.relative_to(package)
+        if name.parts[0] not in ABOVE:
+            digest.update(name.as_posix().encode() + path.read_bytes())
+    parser = getattr(policy.parser, "__module__", type(policy.parser).__module__)
+    modules = {*registry.modules(), parser, *(kind.__module__ for kind in type(policy).__mro__)}
+    known = {"gem_lite", "torch", *sys.stdlib_module_names}
+    for module in sorted(name for name in modules if name.partition(".")[0] not in known):
+        file = getattr(sys.modules.get(module), "__file__", None)
+        digest.update(module.encode() + (Path(file).read_bytes() if file else _PROCESS.encode()))
     for library in LIBRARIES:
         digest.update(f"{library} {metadata.version(library)}".encode())
     return digest.hexdigest()
-
-
-def _outside_modules(policy: Policy) -> list[str]:
-    """The modules outside the library that define the policy's class or parser, or register something."""
-    parser = getattr(policy.parser, "__module__", type(policy.parser).__module__)
-    names = {*registry.modules(), parser, *(kind.__module__ for kind in type(policy).__mro__)}
-    known = {"gem_lite", "torch", *sys.stdlib_module_names}
-    return sorted(name for name in names if name.partition(".")[0] not in known)
-
-
-def _open_manifest(folder: Path, source: dict, code: str) -> dict:
-    """The manifest of an earlier preparation in ``folder``, or a new one."""
-    path = folder / "manifest.json"
-    if path.exists():
-        manifest = files.read_json(path.read_bytes(), path)
-        old_source = manifest.get("source")
-        if old_source != source:
-            values = old_source if isinstance(old_source, dict) else {}
-            differing = sorted(key for key in source if values.get(key) != source[key])
-            raise ValueError(
-                f"{folder} holds steps prepared from another {', '.join(differing)}: give another folder by --state, "
-                "or remove it"
-            )
-        missing = [name for name in manifest["files"] if not (folder / name).exists()]
-        if manifest["code"] == code and not missing:
-            return manifest
-        reason = f"{missing[0]} is missing" if missing else "the program has changed"
-        print(f"{reason}: the steps in {folder} are prepared again")
-    shutil.rmtree(folder, ignore_errors=True)
-    return {"source": source, "code": code, "whole": False, "files": {}}
-
-
-def _write_manifest(folder: Path, manifest: dict) -> None:
-    files.write_atomically(folder / "manifest.json", json.dumps(manifest).encode())
 
 
 def _encode(step: PreparedStep) -> bytes:
@@ -274,7 +223,7 @@ def _decode(content: bytes) -> PreparedStep:
     tensors = safetensors.torch.load(zlib.decompress(content))
     samples = json.loads(tensors.pop("samples").numpy().tobytes())
 
-    def decode_value(value: object) -> object:
+    def decode_value(value: Any) -> Any:  # noqa: ANN401 (what JSON holds)
         if isinstance(value, list):
             return tuple(value)
         if not isinstance(value, dict):

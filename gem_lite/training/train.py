@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from accelerate import Accelerator, PartialState
 from torch import nn
+from torch.utils.data import ConcatDataset, DataLoader, Dataset
 from tqdm import tqdm
+from typing_extensions import override
 
 from gem_lite import clip
 from gem_lite.config import Config
@@ -21,8 +24,8 @@ from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.policies import checkpoints
 from gem_lite.policies.base import Policy
 from gem_lite.policies.inputs import PreparedStep, Sample
-from gem_lite.training import folders, mixture, step_files
-from gem_lite.training.step_files import StoredSteps
+from gem_lite.training import folders, step_files
+from gem_lite.training.step_files import Steps
 from gem_lite.training.training_state import STATE_FILE, Cost, TrainingState
 
 SAVE_EVERY = 100
@@ -36,13 +39,40 @@ RECORDED = "recorded"
 LONGEST_PREPARATION = timedelta(days=7)
 """The longest time that the other processes wait for the one that prepares the steps."""
 MAX_GRADIENT_NORM = 1.0
+WORKERS = 4
+"""How many processes read and augment steps for a GPU."""
 
 
-def make_batch(
-    policy: Policy, prepared: Sequence[PreparedStep], rng: np.random.Generator
-) -> list[Sample]:  # fmt: skip
-    """A batch of training samples (`Policy.draw`). Of several tasks, each is drawn equally often."""
-    return [policy.draw(mixture.draw(prepared, rng), rng) for _ in range(policy.config.batch)]
+def draw(steps: Steps, rng: np.random.Generator) -> PreparedStep:
+    """A random step. Of several tasks, each has the same chance, whatever the number of its steps."""
+    part: Any = steps
+    if isinstance(steps, ConcatDataset):
+        part = steps.datasets[rng.integers(len(steps.datasets))]
+    return part[rng.integers(len(part))]
+
+
+def make_batch(policy: Policy, prepared: Steps, rng: np.random.Generator) -> list[Sample]:
+    """A batch of training samples (`Policy.draw`)."""
+    return [policy.draw(draw(prepared, rng), rng) for _ in range(policy.config.batch)]
+
+
+class Batches(Dataset[list[Sample]]):
+    """The batches of a training by the number of their step.
+
+    A batch depends on these arguments and its number alone. So a resumed run draws the same batches, and so does any
+    number of workers.
+    """
+
+    def __init__(self, policy: Policy, prepared: Steps, seed: int, process: int = 0) -> None:
+        self.policy = policy
+        self.prepared = prepared
+        self.seed = seed
+        self.process = process
+
+    @override
+    def __getitem__(self, step: int) -> list[Sample]:
+        key = (self.seed, step, self.process) if self.process else (self.seed, step)
+        return make_batch(self.policy, self.prepared, np.random.default_rng(key))
 
 
 def learning_rate(settings: Config, step: int) -> float:
@@ -74,7 +104,7 @@ class Learner:
         self.policy = policy
         self.modules = policy.roles
         # In this memory format, convolutions with few channels are a fifth faster.
-        policy.to(accelerator.device, memory_format=torch.channels_last).train()
+        policy.to(accelerator.device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
         rate = policy.config.learning_rate
         optimizers = [torch.optim.Adam(m.parameters(), lr=rate, fused=True) for m in self.modules.values()]
         self.losses, *optimizers = accelerator.prepare(Losses(policy), *optimizers)
@@ -106,12 +136,12 @@ class Learner:
 
     def release(self) -> None:
         """Move the policy back to the CPU, in its old memory format."""
-        self.policy.to("cpu", memory_format=torch.contiguous_format)
+        self.policy.to("cpu", memory_format=torch.contiguous_format)  # type: ignore[call-overload]
 
 
 def train(
-    policy: Policy, prepared: Sequence[PreparedStep], seed: int, run: Path, device: str = "cpu",
-    watch: Callable[[int, dict[str, float]], None] | None = None,
+    policy: Policy, prepared: Steps, seed: int, run: Path, device: str = "cpu",
+    watch: Callable[[int, dict[str, float]], None] | None = None, workers: int | None = None,
 ) -> Cost:  # fmt: skip
     """Train a policy's modules in place. Returns the total cost of the training.
 
@@ -123,6 +153,8 @@ def train(
     Args:
         prepared: a list of steps, or the `prepared_steps` of a folder.
         watch: called with the number and the losses of every step.
+        workers: how many processes read and augment steps; by default none for a CPU, `WORKERS` for a GPU. The result
+            is the same.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
@@ -132,13 +164,25 @@ def train(
     settings = policy.config
     accelerator = Accelerator(cpu=device == "cpu", mixed_precision="no" if device == "cpu" else "bf16")
     learner = Learner(policy, accelerator)
-    state = _state(policy, learner, prepared, seed, run)
-    steps = range(state.saved, settings.steps)
-    quiet = not accelerator.is_main_process
-    with tqdm(steps, "training", settings.steps, initial=state.saved, unit="step", disable=quiet) as bar:
-        for step in bar:
-            rng = _step_rng(seed, step, accelerator.process_index)
-            batch = make_batch(policy, prepared, rng)
+    identity = {
+        "method": policy.name, "config": settings.as_dict(), "seed": seed,
+        "data": step_files.fingerprint(prepared), "processes": accelerator.num_processes,
+    }  # fmt: skip
+    optimizers = {f"{role}_optimizer": optimizer for role, optimizer in learner.optimizers.items()}
+    state = TrainingState(run / STATE_FILE, identity, learner.modules | optimizers)
+    state.restore(accelerator.device)
+    if state.saved:
+        accelerator.print(f"resuming at step {state.saved} from {state.file}")
+    if workers is None:
+        workers = 0 if device == "cpu" else WORKERS
+    batches = DataLoader(
+        Batches(policy, prepared, seed, accelerator.process_index), batch_size=None, num_workers=workers,
+        sampler=range(state.saved, settings.steps), generator=torch.Generator(),
+    )  # fmt: skip
+    first = state.saved
+    main = accelerator.is_main_process
+    with tqdm(batches, "training", settings.steps, initial=first, unit="step", disable=not main) as bar:
+        for step, batch in enumerate(bar, first):
             try:
                 losses = learner.step(batch, learning_rate(settings, step))
             except FloatingPointError as error:
@@ -148,59 +192,36 @@ def train(
             if step % 10 == 0:
                 bar.set_postfix({role: f"{loss:.2f}" for role, loss in losses.items()})
             due = (step + 1) % SAVE_EVERY == 0 or time.time() - state.saved_at > SAVE_SECONDS
-            if due or step + 1 == settings.steps:
+            if main and (due or step + 1 == settings.steps):
                 state.save(step + 1)
     learner.release()
     return state.cost
 
 
-def _state(policy: Policy, learner: Learner, prepared: Sequence[PreparedStep], seed: int, run: Path) -> TrainingState:
-    """The training state, restored from ``run`` if it was saved there."""
-    accelerator = learner.accelerator
-    identity = {
-        "method": policy.name, "config": policy.config.as_dict(), "seed": seed,
-        "data": step_files.fingerprint(prepared), "processes": accelerator.num_processes,
-    }  # fmt: skip
-    writes = accelerator.is_main_process
-    state = TrainingState(run / STATE_FILE, identity, learner.modules, learner.optimizers, writes)
-    state.restore(accelerator.device)
-    if state.saved:
-        accelerator.print(f"resuming at step {state.saved} from {state.file}")
-    return state
-
-
-def _step_rng(seed: int, step: int, process: int) -> np.random.Generator:
-    """The generator of one step. It depends on these arguments alone, so a resumed run draws the same batches."""
-    return np.random.default_rng((seed, step, process) if process else (seed, step))
+def _team(device: str) -> PartialState:
+    """The processes of a training. The first one prepares what all read (`main_process_first`)."""
+    return PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
 
 
 def prepared_steps(
-    policy: Policy, demos: DemonstrationSet, run: Path, device: str = "cpu", shared: Path | None = None
-) -> StoredSteps:
+    policy: Policy, demos: DemonstrationSet | Sequence[DemonstrationSet], run: Path, device: str = "cpu",
+    shared: Path | None = None,
+) -> Steps:  # fmt: skip
     """The prepared steps of demonstrations, in files, for `train`.
 
     A stopped preparation continues. With several processes, one prepares the steps, and the others wait.
 
     Args:
+        demos: the demonstrations of a task, or those of each of several tasks.
         shared: a folder for the steps of many trainings. Trainings with the same steps prepare them once. Without it,
             the files are in ``run``, for this training alone.
 
     Raises:
         ValueError, OSError: the errors of `step_files.prepare`.
     """
-    team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
-    with team.main_process_first():
-        return step_files.prepare(policy, demos, shared or run / PREPARED, shared is not None)
-
-
-def prepared_tasks(
-    policy: Policy, sets: Sequence[DemonstrationSet], run: Path, device: str = "cpu",
-    shared: Path | None = None,
-) -> Sequence[PreparedStep]:  # fmt: skip
-    """As `prepared_steps`, for the demonstrations of several tasks."""
-    team = PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION)
-    with team.main_process_first():
-        return step_files.prepare_tasks(policy, sets, shared or run / PREPARED, shared is not None)
+    sets = [demos] if isinstance(demos, DemonstrationSet) else demos
+    with _team(device).main_process_first():
+        return step_files.prepare(policy, sets, shared or run / PREPARED)
 
 
 def discard(run: Path) -> None:
@@ -243,12 +264,11 @@ def train_from_folder(
         FloatingPointError, OSError: see `train`.
     """
     _check_request(checkpoint, seed, device)
-    with PartialState(cpu=device == "cpu", timeout=LONGEST_PREPARATION).main_process_first():
+    with _team(device).main_process_first():
         packed = folders.packed((folder, *also), run / RECORDED, settings)
     sets = folders.demonstrations_of_tasks(packed, episodes, settings)
-    policy = method(folders.on_table_of(sets, settings), clip.load(clip_name), seed=seed)
-    places = (run, device, shared)
-    steps = prepared_tasks(policy, sets, *places) if also else prepared_steps(policy, sets[0], *places)
+    policy = method(folders.on_table_of(sets, settings), clip.load(clip_name).to(device), seed=seed)
+    steps = prepared_steps(policy, sets, run, device, shared)
     cost = train(policy, steps, seed, run, device)
     if not PartialState().is_main_process:
         return None

@@ -1,4 +1,7 @@
-"""The state of a training, in a file. A stopped training continues from it and reaches the same weights."""
+"""The state of a training, in a file. A stopped training continues from it and reaches the same weights.
+
+The state is one file, so that a full disk leaves the old one whole. (Accelerate's own `save_state` writes several.)
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,12 @@ class Cost(NamedTuple):
 
 @dataclass
 class TrainingState:
-    """The modules and optimizers of a training, and the file of their state.
+    """The parts of a training, and the file of their state.
 
     Attributes:
         file: the file of the state.
         identity: the facts that decide the result of the training, ready for JSON. A file with others is refused.
-        modules, optimizers: by role, with the same roles.
-        writes: whether this process writes the file. Only one of several processes does.
+        parts: modules and optimizers, each by a name of its own.
         saved: the number of steps in the file; 0 while there is no file.
         saved_at: the time of the last writing, or of the start (seconds since the epoch).
         start: the clocks' values at the start, moved back by the cost of earlier parts.
@@ -49,9 +51,7 @@ class TrainingState:
 
     file: Path
     identity: Mapping[str, object]
-    modules: Mapping[str, nn.Module]
-    optimizers: Mapping[str, torch.optim.Optimizer]
-    writes: bool = True
+    parts: Mapping[str, nn.Module | torch.optim.Optimizer]
     saved: int = 0
     saved_at: float = field(default_factory=time.time)
     start: Cost = field(default_factory=Cost.now)
@@ -80,9 +80,8 @@ class TrainingState:
                 f"{self.file} belongs to a training with other settings (method, configuration, data, seed or "
                 "number of processes): give another folder by --state, or remove it"
             )
-        for role, module in self.modules.items():
-            module.load_state_dict(state[role])
-            self.optimizers[role].load_state_dict(state[f"{role}_optimizer"])
+        for name, part in self.parts.items():
+            part.load_state_dict(state[name])
         self.saved = state["step"]
         self.start = self.start.since(Cost(*state["cost"]))
 
@@ -92,19 +91,14 @@ class TrainingState:
         Raises:
             OSError: the file cannot be written; it keeps its old content.
         """
-        if self.writes:
-            self._write(step)
-        self.saved = step
-        self.saved_at = time.time()
-
-    def _write(self, step: int) -> None:
         state = {"identity": self.identity, "step": step, "cost": tuple(self.cost)}
-        for role, module in self.modules.items():
-            state |= {role: module.state_dict(), f"{role}_optimizer": self.optimizers[role].state_dict()}
+        state |= {name: part.state_dict() for name, part in self.parts.items()}
         try:
             save_state(self.file, state)
         except OSError as error:
             raise OSError(f"the state of step {step} cannot be saved ({error}); {self.description}") from error
+        self.saved = step
+        self.saved_at = time.time()
 
 
 def save_state(file: Path, state: Mapping[str, object]) -> None:

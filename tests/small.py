@@ -1,0 +1,15 @@
+"""GEM with small networks, which trains in a second."""
+
+import dataclasses
+
+import torch
+
+from gem_lite.policies.gem_config import LITE
+
+SIZES = {"widths": (4, 4, 8, 8), "kernel_widths": (4, 8, 8), "fields": 2, "rotations": 36, "frequency": 4, "angles": 12}
+SMALL = dataclasses.replace(LITE, **SIZES, steps=4, batch=1)
+
+
+def weights(policy):
+    """All weights of a policy, in one vector."""
+    return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])

@@ -1,0 +1,380 @@
+"""Prepared steps in files: equal to those in memory, one alive at a time, none stale, one preparation for many."""
+
+import contextlib
+import dataclasses
+import gc
+import io
+import itertools
+import json
+import multiprocessing
+import sys
+import time
+import tomllib
+import types
+import weakref
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from small import SIZES
+from torch.utils.data import ConcatDataset
+
+from gem_lite import demonstrations
+from gem_lite.cli import main
+from gem_lite.foundations import registry
+from gem_lite.policies import gem_config, methods
+from gem_lite.policies.inputs import PreparedStep, Sample
+from gem_lite.policies.transporter import TransporterLan
+from gem_lite.training import step_files, train
+
+NAMES = tuple(name for name in methods.METHODS.names() if methods.METHODS.find(name).__module__.startswith("gem_lite"))
+FACTS = {"data": "a", "method": "m"}
+
+
+def small(name, /, **changes):
+    """A method's configuration with small networks, and changed entries."""
+    config = methods.find(name)[1]
+    sizes = {key: value for key, value in SIZES.items() if key in config.as_dict()}
+    return dataclasses.replace(config, **sizes | changes)
+
+
+def made_step(number: int) -> PreparedStep:
+    """A step whose values all tell its number; its two samples differ in the maps alone."""
+    maps = {role: torch.full((1, 16, 16), number + part) for role, part in (("place", 0.25), ("pick", 0.125))}
+    text_only = Sample(
+        rgbd=torch.full((4, 16, 16), float(number)), maps=maps,
+        features={"coarse": torch.arange(12.0).reshape(3, 2, 2) + number},
+        words={"pick": torch.ones(8) * number, "place": torch.zeros(8)}, pick=(number + 0.1, 2.5), place=(3.0, 1 / 3),
+        pick_yaw=0.1 * number, delta=-0.7, pick_symmetry=0.0, place_symmetry=2 * np.pi,
+    )  # fmt: skip
+    return text_only, dataclasses.replace(text_only, maps={key: one + 0.5 for key, one in maps.items()})
+
+
+def steps_from(count: int):
+    return lambda start: map(made_step, range(start, count))
+
+
+def plain(value):
+    """A value that compares by content, with its names in their order."""
+    if isinstance(value, Sample):
+        value = vars(value)
+    if isinstance(value, dict):
+        return [(name, plain(member)) for name, member in value.items()]
+    return value.tolist() if isinstance(value, torch.Tensor) else value
+
+
+def test_a_step_comes_back_as_it_was(tmp_path):
+    stored = step_files.store(steps_from(3), tmp_path, FACTS)
+    assert len(stored) == 3
+    for number, step in enumerate(stored):
+        assert [plain(sample) for sample in step] == [plain(sample) for sample in made_step(number)]
+    assert [step[1].pick[0] for step in stored[1:]] == [1.1, 2.1]
+    with pytest.raises(IndexError):
+        stored[3]
+
+
+def test_what_both_samples_share_is_stored_once(tmp_path):
+    step = made_step(1)
+    same = step_files.store(lambda _: [(step[1], step[1])], tmp_path / "same", FACTS)
+    differ = step_files.store(lambda _: [step], tmp_path / "differ", FACTS)
+    sizes = [len(zlib.decompress(next(one.folder.glob("step*")).read_bytes())) for one in (same, differ)]
+    maps = sum(semantic.nbytes for semantic in step[1].maps.values())
+    assert maps <= sizes[1] - sizes[0] < 1.2 * maps
+    read = differ[0]
+    assert read[1].rgbd is read[0].rgbd
+
+
+def test_real_steps_give_the_same_weights_from_files_as_from_memory(demo_set, model, tmp_path):
+    demos, weights, prints = demonstrations.load(demo_set[0]), [], set()
+    for folder in (None, tmp_path / "steps"):
+        policy = TransporterLan(small("transporter-lan", steps=3), model, seed=2)
+        steps = step_files.prepare(policy, [demos], folder) if folder else list(policy.prepare(demos))
+        train.train(policy, steps, 2, tmp_path / f"run-{folder is None}")
+        weights.append(torch.cat([p.detach().flatten() for p in policy.parameters()]))
+        prints.add(step_files.fingerprint(steps))
+    assert torch.equal(*weights)
+    assert len(prints) == 1
+
+
+def test_the_fingerprint_depends_on_all_that_steps_hold(tmp_path):
+    steps = [made_step(0), made_step(1)]
+    stored = step_files.store(lambda start: steps[start:], tmp_path, FACTS)
+    assert step_files.fingerprint(stored) == step_files.fingerprint(steps) == step_files.fingerprint(list(stored))
+    text, both = steps[0]
+    changed = [
+        (text, dataclasses.replace(both, delta=0.2)),
+        (text, dataclasses.replace(both, words={"pick": torch.ones(8)})),
+        (dataclasses.replace(text, maps=both.maps), both),
+        (text, dataclasses.replace(both, features={"coarse": torch.zeros(12, 1, 1)})),
+        (both, text),
+    ]
+    several = [[step, steps[1]] for step in changed] + [steps, steps[::-1]]
+    tasks = [ConcatDataset(parts) for parts in (several[:2], several[1::-1])]
+    assert len({step_files.fingerprint(one) for one in [*several, *tasks]}) == len(several) + 2
+
+
+def test_a_stopped_preparation_is_finished_and_a_finished_one_is_not_begun_again(tmp_path):
+    def stopped(start):
+        yield from map(made_step, range(start, 2))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        step_files.store(stopped, tmp_path / "steps", FACTS)
+    asked = []
+    for _ in range(2):
+        resumed = step_files.store(lambda start: asked.append(start) or steps_from(4)(start), tmp_path / "steps", FACTS)
+    assert asked == [2]
+    whole = step_files.store(steps_from(4), tmp_path / "whole", FACTS)
+    assert step_files.fingerprint(resumed) == step_files.fingerprint(whole)
+
+
+def test_steps_of_other_facts_are_not_used_and_not_removed(tmp_path):
+    made = []
+    for code in ("old", "new", "old"):
+        step_files.store(lambda start: made.append(start) or steps_from(2)(start), tmp_path, FACTS | {"code": code})
+    assert made == [0, 0]
+    assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 2
+
+
+def test_a_damaged_step_is_refused_and_a_missing_one_made_anew(tmp_path, capsys):
+    stored = step_files.store(steps_from(3), tmp_path, FACTS)
+    first, second, _ = (stored.folder / name for name in stored.sums)
+    content = first.read_bytes()
+    first.write_bytes(content[:-1])
+    with pytest.raises(ValueError, match="cut off or changed"):
+        stored[0]
+    second.unlink()
+    with pytest.raises(FileNotFoundError, match="is missing"):
+        stored[1]
+    again = step_files.store(steps_from(3), tmp_path, FACTS)
+    assert "step-000001.safetensors.zlib is missing" in capsys.readouterr().out
+    assert step_files.fingerprint(again) == step_files.fingerprint(stored)
+    assert first.read_bytes() == content and len(list(again)) == 3
+
+
+def live_tensors() -> int:
+    gc.collect()
+    return sum(type(thing) is torch.Tensor for thing in gc.get_objects())
+
+
+def test_no_more_steps_are_alive_while_they_are_made_or_drawn_than_one_needs(tmp_path):
+    references, most_made, before = [], 0, live_tensors()
+
+    def counted(start):
+        nonlocal most_made
+        for number in range(start, 40):
+            step = made_step(number)
+            references.append(weakref.ref(step[0]))
+            most_made = max(most_made, sum(reference() is not None for reference in references))
+            yield step
+            del step
+
+    stored = step_files.store(counted, tmp_path, FACTS)
+    assert most_made <= 2, "the one being made, and the one before"
+    assert live_tensors() == before
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        train.draw(stored, rng)
+    assert live_tensors() == before
+
+
+def test_steps_are_prepared_when_they_are_asked_for(demo_set, model):
+    policy, seen = TransporterLan(small("transporter-lan"), model), []
+    honest = policy.embed
+    policy.embed = lambda views: seen.append(1) or honest(views)
+    steps = policy.prepare(demo_set[1])
+    assert len(seen) == 0
+    first, second = itertools.islice(steps, 2)
+    assert len(seen) == 2
+    assert plain(first[0]) != plain(second[0])
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The methods of the steps that are prepared."""
+    made = []
+    for name in NAMES:
+        kind = methods.METHODS.find(name)
+        honest = kind.prepare_step
+
+        def prepare_step(self, *args, honest=honest):
+            made.append(self.method)
+            return honest(self, *args)
+
+        if kind.__base__ not in map(methods.METHODS.find, NAMES):  # a method derived from another counts there
+            monkeypatch.setattr(kind, "prepare_step", prepare_step)
+    return made
+
+
+def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set, model, counted, tmp_path):
+    demos = demonstrations.load(demo_set[0])[:1]
+
+    def prepared(name, **changes):
+        policy = methods.METHODS.find(methods.split(name)[0])(small(name, **changes), model)
+        return step_files.prepare(policy, [demos], tmp_path)
+
+    names = ("gem", "gem-without-steerable-kernel", "gem-without-recoloring", "gem")
+    shared = [prepared(name, batch=batch) for batch, name in enumerate(names, 1)]
+    count = len(demo_set[1][0].steps)
+    assert counted == ["gem"] * count
+    assert len({one.folder for one in shared}) == len({step_files.fingerprint(one) for one in shared}) == 1
+    others = [prepared(name) for name in ("gem-without-parsing", "cliport", "cliport-grounded", "transporter-lan")]
+    assert len(counted) == 5 * count
+    assert len({one.folder for one in [*shared, *others]}) == 5
+    assert max(path.stat().st_size for path in tmp_path.rglob("step-*")) < 333_000
+
+
+def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, counted, tmp_path):
+    demos = demonstrations.load(demo_set[0])
+    sets = [demos[:1], demos[1:]]
+
+    def folders(name, *given):
+        policy = methods.METHODS.find(methods.split(name)[0])(small(name), model)
+        steps = step_files.prepare(policy, given, tmp_path)
+        return [part.folder for part in (steps.datasets if len(given) > 1 else [steps])]
+
+    for name, alone_is_the_same in (("transporter-lan", True), ("gem", False)):
+        alone = [folder for one in sets for folder in folders(name, one)]
+        counted.clear()
+        joined = folders(f"{name}-multi", *sets)
+        assert (joined == alone) == alone_is_the_same
+        assert len(set(joined)) == 2 and bool(counted) != alone_is_the_same
+        assert (folders(f"{name}-multi", *sets[::-1]) == joined[::-1]) == alone_is_the_same
+
+
+class Nosy(TransporterLan):
+    """A method whose preparation reads what is no part of its key."""
+
+    def embed(self, views):
+        assert self.config.angles
+        return super().embed(views)
+
+
+def test_a_preparation_knows_no_entry_but_those_of_its_key(demo_set, model, tmp_path):
+    demos = demonstrations.load(demo_set[0])
+    with pytest.raises(AttributeError, match="'InputConfig' object has no attribute 'angles'"):
+        step_files.prepare(Nosy(small("transporter-lan"), model), [demos], tmp_path)
+    assert not list(tmp_path.rglob("step-*"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"patch": 40, "stride": 20}, {"parsing": False}, {"own_crop": True}, {"image_weight": 0.5},
+        {"text_weight": 1.0}, {"semantic_map": "single-view"}, {"conjuncts": False}, {"top_patch": 0.1},
+        {"pixel": 0.015625, "top_patch": 0.25},
+    ],
+    ids=lambda change: next(iter(change)),
+)  # fmt: skip
+def test_an_entry_that_decides_inputs_gives_other_steps_a_place_of_their_own(change):
+    assert small("gem", **change).inputs != small("gem").inputs
+
+
+def test_ablations_share_the_steps_if_they_change_nothing_before_the_training():
+    sharing = {ending for ending in gem_config.ABLATIONS if small("gem").ablated(ending).inputs == small("gem").inputs}
+    assert sharing == {
+        "without-steerable-kernel", "with-free-kernels", "without-recoloring", "without-language-in-attention",
+        "without-rotation-augmentation", "without-map-scaling", "without-peak", "without-empty-spots",
+    }  # fmt: skip
+
+
+def test_other_data_clips_devices_parsers_and_classes_are_other_identities(demo_set, model):
+    demos = demonstrations.load(demo_set[0])
+    method, config = methods.find("transporter-lan")
+
+    class Heir(method):
+        """A class with the same name of its method, and perhaps another preparation."""
+
+    def facts(kind=method, data=demos, parser=None, **changes):
+        policy = kind(config, model, parser=parser)
+        policy.clip = types.SimpleNamespace(
+            fingerprint=changes.get("clip", "a"), device=types.SimpleNamespace(type=changes.get("device", "cpu"))
+        )
+        return str(step_files.identity(policy, data, [data]))
+
+    found = [
+        facts(), facts(Heir), facts(data=demos[:1]), facts(parser=lambda text: text), facts(clip="b"),
+        facts(device="cuda"),
+    ]  # fmt: skip
+    assert len(set(found)) == len(found)
+    assert facts() == found[0]
+
+
+OUTSIDE = """
+from gem_lite.policies import methods
+from gem_lite.policies.transporter import TransporterLan
+
+@methods.METHODS.register("mine")
+class Mine(TransporterLan):
+    pass
+"""
+
+
+def test_a_change_of_code_is_seen_where_it_can_decide_steps(model, tmp_path, monkeypatch):
+    policy = methods.METHODS.find("transporter-lan")(small("transporter-lan"), model)
+    before = step_files.code_digest(policy)
+    assert step_files.code_digest(policy) == before
+    (tmp_path / "outside_task.py").write_text(OUTSIDE)  # a name that conftest.py forgets
+    monkeypatch.syspath_prepend(tmp_path)
+    registry.load(["outside_task"])
+    with_mine = step_files.code_digest(policy)
+    (tmp_path / "outside_task.py").write_text(OUTSIDE + "# changed\n")
+    changed = step_files.code_digest(policy)
+    monkeypatch.delattr(sys.modules["outside_task"], "__file__")  # as in a notebook
+    assert len({before, with_mine, changed, step_files.code_digest(policy)}) == 4
+    monkeypatch.setattr(step_files.metadata, "version", lambda library: "0")
+    assert step_files.code_digest(policy) != before
+
+
+def test_code_counts_but_for_the_rooms_above_the_training():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    assert sorted(layers[: layers.index("training")]) == list(step_files.ABOVE)
+
+
+def prepare_beside_another(folder, own):
+    """What one of two processes does: it waits for the other, and notes what it made, read and said."""
+    made, said = [], io.StringIO()
+
+    def slow_steps(start):
+        for number in range(start, 6):
+            time.sleep(0.05)
+            made.append(number)
+            yield made_step(number)
+
+    (folder / f"ready-{own}").touch()
+    while len(list(folder.glob("ready-*"))) < 2:
+        time.sleep(0.01)
+    with contextlib.redirect_stdout(said):
+        stored = step_files.store(slow_steps, folder / "shared", FACTS)
+    (folder / f"noted-{own}").write_text(json.dumps([made, said.getvalue(), step_files.fingerprint(stored)]))
+
+
+def test_two_processes_at_once_prepare_once_and_read_the_same(tmp_path):
+    fork = multiprocessing.get_context("fork")  # the others import all anew
+    pair = [fork.Process(target=prepare_beside_another, args=(tmp_path, own)) for own in range(2)]
+    for process in pair:
+        process.start()
+    for process in pair:
+        process.join(300)
+    waited, prepared = sorted(json.loads((tmp_path / f"noted-{own}").read_text()) for own in range(2))
+    assert prepared[:2] == [[0, 1, 2, 3, 4, 5], ""]
+    assert waited[0] == [] and "another process prepares the same steps" in waited[1]
+    assert waited[2] == prepared[2]
+
+
+def test_the_command_leaves_the_shared_folder_for_the_next_training(demo_set, counted, tmp_path):
+    def run(name, seed):
+        command = ["train", demo_set[0], tmp_path / f"{name}.safetensors", "--method", "transporter-lan"]
+        command += ["--state", tmp_path / name, "--prepared", tmp_path / "shared", "--seed", seed]
+        return main([str(word) for word in [*command, "--config.batch", 1, "--config.steps", 1 + seed]])
+
+    assert run("first", 0) == 0
+    assert len(counted) == sum(len(demo.steps) for demo in demo_set[1])
+    kept = list((tmp_path / "shared").rglob("step-*"))
+    assert len(kept) == len(counted)
+    assert list((tmp_path / "first").iterdir()) == []
+    assert run("second", 1) == 0
+    assert len(counted) == len(kept), "nothing is prepared again"
