@@ -204,7 +204,6 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
     "place angle": single_tables.place_angle,
     "worlds": single_tables.worlds,
     "search": single_tables.search,
-    "wider search": single_tables.wider_search,
     "rules": single_tables.rules,
 }
 """By the name in a page's comments, what makes the table of the benchmark's rows."""

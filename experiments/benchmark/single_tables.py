@@ -122,22 +122,13 @@ def worlds(rows: Rows) -> str:
 
 def search(rows: Rows) -> str:
     """Every trial of the search, on validation episodes: the bowls / the pyramid."""
-    return _trials(rows, MOVED[:2])
-
-
-def wider_search(rows: Rows) -> str:
-    """Every trial of the wider search, on validation episodes: the kits / the piles."""
-    return _trials(rows, ("assembling-kits-seq-seen-colors", "separating-piles-seen-colors"))
-
-
-def _trials(rows: Rows, two_tasks: Sequence[str]) -> str:
-    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all" and row["task"] in two_tasks]
+    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all"]
     lines = []
     for steps, rate in sorted({(row["steps"], row["learning_rate"]) for row in trials}):
         cells = []
         for method in COMPARED:
             facts = {"method": method, "steps": steps, "learning_rate": rate}
-            both = [found(trials, task=task, **facts) for task in two_tasks]
+            both = [found(trials, task=task, **facts) for task in MOVED[:2]]
             cells.append(" / ".join(cell(row) if row else "" for row in both))
         lines.append([f"{steps}, {rate}", *cells])
     return lines_of(["steps, rate", *(OVERVIEW[name] for name in COMPARED)], lines)
