@@ -13,19 +13,33 @@ from PIL import Image
 from transformers import CLIPConfig, CLIPModel
 
 from experiments.clip_tabletop import pretrain
-from gem_lite import clip, tasks
+from gem_lite import clip
 from gem_lite.clip import calibration
 from gem_lite.evaluation import calibrating
 from gem_lite.foundations import colors
 from gem_lite.maps import patches, semantic_map
 
 
-def test_embeddings_are_unit_length_and_deterministic(model):
-    texts = model.embed_texts(["red block", "green bowl", "red block"])
-    assert texts.shape == (3, model.dim)
-    assert torch.equal(texts[0], texts[2])
+def test_embeddings_are_unit_length_and_deterministic_and_every_word_counts(model):
+    texts = model.embed_texts(["red block", "red bowl", "blue block", "red block", "Zürich 東京 🤖 zzyzx"])
+    assert texts.shape == (5, model.dim) and torch.equal(texts[0], texts[3])
     images = model.embed_images(np.zeros((2, 40, 40, 3), np.uint8))
-    assert torch.allclose(images.norm(dim=1), torch.ones(2), atol=1e-5)
+    for vectors in (texts, images):
+        assert torch.allclose(vectors.norm(dim=1), torch.ones(len(vectors)), atol=1e-5)
+    # A text tower that ignored the shape (or colour) word would give cosine 1 here.
+    assert texts[0] @ texts[1] < 0.9 and texts[0] @ texts[2] < 0.9
+
+
+def test_wrong_images_and_phrases_are_named(model):
+    for images in (np.zeros((2, 40, 40, 3), np.float32), np.zeros((40, 40, 3), np.uint8)):
+        with pytest.raises(ValueError, match="images"):
+            model.embed_images(images)
+    with pytest.raises(ValueError, match="phrases"):
+        model.embed_texts(["red block", " "])
+    words = " ".join(["red block"] * 15)
+    assert model.embed_texts([words]).shape == (1, model.dim), "32 tokens with those of beginning and end"
+    with pytest.raises(ValueError, match=r"at most 32 tokens .* got 33"):
+        model.embed_texts(["bowl", f"{words} bowl"])
 
 
 def test_text_is_pooled_at_the_end_token(model):
@@ -36,13 +50,6 @@ def test_text_is_pooled_at_the_end_token(model):
     for row, (ids, pooled) in enumerate(zip(tokens["input_ids"], output.pooler_output, strict=True)):
         end = (ids == pretrain.EOS).nonzero()[0, 0]
         assert torch.allclose(pooled, output.last_hidden_state[row, end])
-
-
-def test_every_word_of_a_phrase_counts(model):
-    # A text tower that ignored the shape (or colour) word would give cosine 1 here.
-    a, shape, color = model.embed_texts(["red block", "red bowl", "blue block"])
-    assert a @ shape < 0.9
-    assert a @ color < 0.9
 
 
 def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
@@ -61,10 +68,6 @@ def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
     assert len(model._pictures) == 2
     model.embed_known_images(first)
     assert asked == [3, 2, 3]
-
-
-def test_any_text_is_accepted(model):
-    assert torch.isfinite(model.embed_texts(["Zürich 東京 🤖 zzyzx"])).all()
 
 
 def test_paraphrases_find_their_crop_and_strangers_none(model):
@@ -91,27 +94,6 @@ def test_folding_the_batch_norms_changes_nothing(model):
     assert any(isinstance(layer, torch.nn.BatchNorm2d) for layer in plain.modules())
 
 
-def test_bad_images_and_phrases_are_named(model):
-    with pytest.raises(ValueError, match="images"):
-        model.embed_images(np.zeros((2, 40, 40, 3), np.float32))
-    with pytest.raises(ValueError, match="images"):
-        model.embed_images(np.zeros((40, 40, 3), np.uint8))
-    with pytest.raises(ValueError, match="phrases"):
-        model.embed_texts(["red block", " "])
-
-
-def test_unreachable_name_says_what_to_do():
-    with pytest.raises(OSError, match="unset GEM_LITE_CLIP") as error:
-        clip.load("nobody/no-such-clip")
-    assert len(str(error.value).splitlines()) == 2
-
-
-def test_environment_variable_chooses(monkeypatch):
-    monkeypatch.setenv(clip.ENVIRONMENT_VARIABLE, "nobody/no-such-clip")
-    with pytest.raises(OSError, match="nobody/no-such-clip"):
-        clip.load()
-
-
 def small_clip(folder, **preprocessing):
     """A folder with a copy of the embedded CLIP, and with changes of its preprocessing; None takes an entry away."""
     shutil.copytree(clip.EMBEDDED, folder)
@@ -121,40 +103,50 @@ def small_clip(folder, **preprocessing):
     return folder
 
 
-@pytest.mark.parametrize(
-    ("part", "missing"),
-    [("config", "configuration"), ("model", "weights"), ("tokenizer", "tokenizer"), ("prepro", "preprocessing")],
-)
-def test_a_folder_without_a_part_is_refused_by_that_parts_name(part, missing, tmp_path):
-    folder = small_clip(tmp_path / "clip")
-    for path in folder.glob(f"{part}*"):
-        path.unlink()
-    with pytest.raises(OSError, match=f"has no {missing}: .* is missing") as error:
-        clip.load(folder)
-    assert len(str(error.value).splitlines()) == 1
+def without(*pattern):
+    """Damages a folder: it takes files away."""
+    return lambda folder: [path.unlink() for part in pattern for path in folder.glob(part)]
 
 
-def test_damaged_weights_are_refused_in_a_sentence(tmp_path):
-    folder = small_clip(tmp_path / "clip")
+def cut_weights(folder):
     path = folder / "model.safetensors"
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(OSError, match=r"weights in the CLIP folder .* are cut off or damaged"):
-        clip.load(folder)
-    tensors = safetensors.torch.load(whole)
+    path.write_bytes(path.read_bytes()[:2_000_000])
+
+
+def take_a_weight(folder):
+    tensors = safetensors.torch.load((folder / "model.safetensors").read_bytes())
     del tensors["visual_projection.weight"]
-    safetensors.torch.save_file(tensors, path, {"format": "pt"})
-    with pytest.raises(OSError, match=r"lack 1 tensors, such as visual_projection\.weight"):
-        clip.load(folder)
+    safetensors.torch.save_file(tensors, folder / "model.safetensors", {"format": "pt"})
 
 
 @pytest.mark.parametrize(
-    ("entry", "value"), [("image_mean", None), ("image_std", [0.5]), ("size", None), ("resample", 0)]
+    ("damage", "preprocessing", "message"),
+    [
+        (without("config*"), {}, "has no configuration: .* is missing"),
+        (without("model*"), {}, "has no weights: .* is missing"),
+        (without("tokenizer*"), {}, "has no tokenizer: .* is missing"),
+        (without("prepro*"), {}, "has no preprocessing: .* is missing"),
+        (cut_weights, {}, "weights in the CLIP folder .* are cut off or damaged"),
+        (take_a_weight, {}, r"lack 1 tensors, such as visual_projection\.weight"),
+        (without(), {"image_mean": None}, "image_mean.* got "),
+        (without(), {"image_std": [0.5]}, "image_std.* got "),
+        (without(), {"size": None}, "size.* got "),
+        (without(), {"resample": 0}, "resample.* got "),
+    ],
 )
-def test_a_preprocessing_that_is_not_whole_is_refused(entry, value, tmp_path):
-    with pytest.raises(OSError, match=f"{entry}.* got ") as error:
-        clip.load(small_clip(tmp_path / "clip", **{entry: value}))
+def test_a_damaged_folder_is_refused_in_a_sentence(damage, preprocessing, message, tmp_path):
+    folder = small_clip(tmp_path / "clip", **preprocessing)
+    damage(folder)
+    with pytest.raises(OSError, match=message) as error:
+        clip.load(folder)
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_environment_names_a_clip_and_an_unreachable_one_says_what_to_do(monkeypatch):
+    monkeypatch.setenv(clip.ENVIRONMENT_VARIABLE, "nobody/no-such-clip")
+    with pytest.raises(OSError, match=r"nobody/no-such-clip[^$]*unset GEM_LITE_CLIP") as error:
+        clip.load()
+    assert len(str(error.value).splitlines()) == 2
 
 
 def test_the_fingerprint_covers_an_unusual_preprocessing(tmp_path, model):
@@ -168,13 +160,6 @@ def test_the_fingerprint_covers_an_unusual_preprocessing(tmp_path, model):
     picture = np.random.default_rng(0).integers(0, 255, (1, 20, 20, 3), np.uint8)
     plain = found[0].embed_images(picture)[0]
     assert all(float(plain @ one.embed_images(picture)[0]) < 0.9999 for one in found[1:])
-
-
-def test_a_text_that_is_too_long_is_refused_and_not_cut(model):
-    words = " ".join(["red block"] * 15)
-    assert model.embed_texts([words]).shape == (1, model.dim), "32 tokens with those of beginning and end"
-    with pytest.raises(ValueError, match=r"at most 32 tokens .* got 33"):
-        model.embed_texts(["bowl", f"{words} bowl"])
 
 
 def test_threads_that_share_a_small_memory_find_their_pictures(model, monkeypatch):
@@ -234,43 +219,25 @@ def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     assert divmod(int(change.argmax()), 16) == (2, 11)
 
 
-@pytest.fixture(scope="module")
-def vit_b_32(tmp_path_factory):
-    """A model of openai/clip-vit-base-patch32's size and image size, loaded from a folder; weights are random."""
-    folder = tmp_path_factory.mktemp("vit-b-32")
-    # CLIPConfig's own defaults are ViT-B/32's; only the end token is our tokenizer's.
-    save_clip_model(folder, CLIPConfig(text_config={"eos_token_id": pretrain.EOS}), 224)
-    return clip.load(folder)
-
-
-def test_vit_b_32_has_the_papers_size(vit_b_32):
-    assert vit_b_32.dim == 512
-    assert round(vit_b_32.parameter_count / 1e6) == 151
-    assert vit_b_32._model.config.vision_config.image_size == 224
-    assert vit_b_32._model.config.vision_config.patch_size == 32
-    assert next(vit_b_32._model.parameters()).dtype == torch.float32  # the file holds halves
-
-
-def test_vit_b_32_prepares_pictures_as_openai_does(vit_b_32):
+def test_vit_b_32_has_the_papers_size_and_prepares_pictures_as_openai_does(tmp_path):
+    # CLIPConfig's own defaults are ViT-B/32's; only the end token is our tokenizer's. The weights are random.
+    save_clip_model(tmp_path, CLIPConfig(text_config={"eos_token_id": pretrain.EOS}), 224)
+    big = clip.load(tmp_path)
+    assert (big.dim, round(big.parameter_count / 1e6)) == (512, 151)
+    assert (big._model.config.vision_config.image_size, big._model.config.vision_config.patch_size) == (224, 32)
+    assert next(big._model.parameters()).dtype == torch.float32  # the file holds halves
     # Away from 0 and 255: PIL clips between its two passes, where we clip once.
     picture = np.random.default_rng(0).integers(90, 160, (1, 40, 40, 3), dtype=np.uint8)
-    pixels = vit_b_32._pixels(torch.from_numpy(picture))
+    pixels = big._pixels(torch.from_numpy(picture))
     assert pixels.shape == (1, 3, 224, 224)
     resized = np.asarray(Image.fromarray(picture[0]).resize((224, 224), Image.BICUBIC)) / 255
     expected = (resized - [0.48145466, 0.4578275, 0.40821073]) / [0.26862954, 0.26130258, 0.27577711]
     assert np.abs(pixels[0].permute(1, 2, 0).numpy() - expected).max() < 0.03  # PIL rounds to bytes
-
-
-def test_vit_b_32_makes_a_semantic_map(vit_b_32, world):
-    views = world.reset(tasks.make("put-block-in-bowl-seen-colors"), 0)[0].views
-    grid = patches.PatchGrid((480, 640), 160, 160)
-    embeddings = patches.embed_patches(views[0].rgb, grid, vit_b_32)
+    view = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)
+    embeddings = patches.embed_patches(view, patches.PatchGrid((480, 640), 160, 160), big)
     assert embeddings.values.shape == (3, 4, 512)
-    assert torch.allclose(embeddings.values.norm(dim=-1), torch.ones(3, 4), atol=1e-5)
-    words = semantic_map.embed_phrase("red block", vit_b_32, semantic_map.TEMPLATES)
-    scores = embeddings.score(words)
-    assert scores.shape == (480, 640)
-    assert scores.std() > 0
+    scores = embeddings.score(semantic_map.embed_phrase("red block", big, semantic_map.TEMPLATES))
+    assert scores.shape == (480, 640) and scores.std() > 0
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -281,15 +248,9 @@ def test_a_gpu_gives_the_same_embeddings():
     assert torch.allclose(there.embed_texts(["red block"]).cpu(), here.embed_texts(["red block"]), atol=1e-3)
 
 
-def test_stored_calibration_is_what_calibrate_measures(model):
+def test_stored_calibration_is_what_calibrate_measures_and_parts_rewordings_from_other_things(model):
     measured, stored = calibrating.calibrate(model, calibrating.rendered_scenes()), model.calibration
-    for name, value in vars(stored).items():
-        assert getattr(measured, name) == pytest.approx(value, abs=0.02), name
-
-
-def test_threshold_parts_rewordings_from_other_things(model):
-    threshold = model.calibration.retrieval_threshold
+    assert vars(measured) == pytest.approx(vars(stored), abs=0.02)
     for color in colors.UNSEEN:
         plain, reworded, bowl = model.embed_texts([f"{color} block", f"the {color} blocks", f"{color} bowl"])
-        same, other = plain @ reworded, plain @ bowl
-        assert same > threshold > other
+        assert plain @ reworded > stored.retrieval_threshold > plain @ bowl

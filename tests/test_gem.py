@@ -32,11 +32,12 @@ def disturb(module: torch.nn.Module) -> torch.nn.Module:
     return module.eval()
 
 
-def test_shapes_of_both_modules():
+def test_shapes_of_both_modules_and_no_layer_normalises_over_the_picture():
     rgbd, semantic, words = torch.randn(2, 4, 32, 16), torch.randn(2, 1, 32, 16), torch.randn(2, D)
-    assert PickModule(SMALL, D)(rgbd, semantic, words).shape == (2, 12, 32, 16)
     crop = torch.randn(2, 5, SMALL.crop, SMALL.crop)
-    assert PlaceModule(SMALL, D)(rgbd, semantic, words, crop).shape == (2, 12, 32, 16)
+    for module, more in ((PickModule(SMALL, D), ()), (PlaceModule(SMALL, D), (crop,))):
+        assert module(rgbd, semantic, words, *more).shape == (2, 12, 32, 16)
+        assert not any("Norm" in type(layer).__name__ for layer in module.modules())
 
 
 @pytest.mark.parametrize("kernels", ["steerable", "free"])
@@ -50,9 +51,14 @@ def test_features_go_on_beyond_the_table_where_a_policy_acts(kernels):
     assert torch.allclose(scores[True][:, 12:20, 12:20], scores[False][:, 12:20, 12:20], rtol=1e-3)
 
 
-def test_unet_refuses_sizes_that_do_not_halve():
+def test_language_reaches_the_encoder_and_the_kernel():
+    one, two = torch.randn(2, 1, D)
+    net, kernel = disturb(UNet(1, 1, D, (4, 4, 4, 4))), disturb(LanguageKernel(9, 3, D, (4, 8, 8)))
+    image = torch.randn(1, 1, 32, 32)
+    assert not torch.allclose(net(image, one), net(image, two))
+    assert kernel(one).shape == (1, 3, 9, 9) and not torch.allclose(kernel(one), kernel(two))
     with pytest.raises(ValueError, match="multiples of 16"):
-        UNet(4, 3, D, (4, 4, 4, 4))(torch.zeros(1, 4, 40, 16), torch.zeros(1, D))
+        net(torch.zeros(1, 1, 40, 16), one)
 
 
 def test_unet_shift_equivariance_by_its_stride():
@@ -72,15 +78,6 @@ def test_unet_shift_equivariance_by_its_stride():
 
     assert error(16) < 1e-5
     assert error(5) > 1e-3
-
-
-def test_language_reaches_the_encoder_and_the_kernel():
-    one, two = torch.randn(2, 1, D)
-    net, kernel = disturb(UNet(1, 1, D, (4, 4, 4, 4))), disturb(LanguageKernel(9, 3, D, (4, 8, 8)))
-    image = torch.randn(1, 1, 32, 32)
-    assert not torch.allclose(net(image, one), net(image, two))
-    assert kernel(one).shape == (1, 3, 9, 9)
-    assert not torch.allclose(kernel(one), kernel(two))
 
 
 def test_place_kernel_turns_with_its_crop():
@@ -197,8 +194,6 @@ def test_augmentation_moves_image_and_labels_together():
 
 
 def test_random_motion_keeps_pixels_inside():
-    import numpy as np
-
     rng, shape, keep = np.random.default_rng(0), (64, 48), [(2.0, 2.0), (60.0, 45.0)]
     angles = []
     for _ in range(50):
@@ -209,17 +204,14 @@ def test_random_motion_keeps_pixels_inside():
             assert -0.5 <= col <= 47.5
         angles.append(motion.angle)
     assert len(set(angles)) > 10
+    shifts = [random_motion(rng, (160, 80), [(80.0, 40.0)], turn=False) for _ in range(20)]
+    assert {motion.angle for motion in shifts} == {0.0} and len({motion.shift for motion in shifts}) == 20
 
 
 def test_config_round_trip_and_refusal():
     assert GemConfig.from_dict(PAPER.as_dict()) == PAPER
     with pytest.raises(ValueError, match="colour_blind"):
         GemConfig.from_dict({**LITE.as_dict(), "colour_blind": True})
-
-
-def test_no_layer_normalises_over_the_picture():
-    for module in (PickModule(SMALL, D), PlaceModule(SMALL, D)):
-        assert not any("Norm" in type(layer).__name__ for layer in module.modules())
 
 
 def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
@@ -252,10 +244,7 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
 def test_rescaling_changes_maps_alone_and_keeps_their_order():
     rng = np.random.default_rng(0)
     image = torch.rand(6, 8, 8)
-    sample = Sample(
-        **named(image), pick=(1.0, 2.0), place=(3.0, 4.0), pick_yaw=0.0, delta=0.0, pick_symmetry=0.0,
-        place_symmetry=0.0,
-    )  # fmt: skip
+    sample = dataclasses.replace(sample_with_spot(2, 2), **named(image))
     gains = []
     for _ in range(50):
         changed = channels(rescaled(rng, sample, (0.5, 1.2), 0.1))
@@ -270,9 +259,3 @@ def test_rescaling_changes_maps_alone_and_keeps_their_order():
     assert torch.allclose(channels(rescaled(rng, sample, (1.0, 1.0), 0.0)), image)
     no_maps = dataclasses.replace(sample, maps={})
     assert torch.equal(channels(rescaled(rng, no_maps, (0.5, 1.2), 0.1)), image[:4])
-
-
-def test_motions_without_turns_only_shift():
-    motions = [random_motion(np.random.default_rng(i), (160, 80), [(80.0, 40.0)], turn=False) for i in range(20)]
-    assert {motion.angle for motion in motions} == {0.0}
-    assert len({motion.shift for motion in motions}) == 20

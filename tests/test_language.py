@@ -169,7 +169,6 @@ LEFT_OVER = """
     put the red block in the bowl / carefully
     put the block / that is red in the bowl
     put the red block, / not the blue one, in the bowl
-    put the big / , red block in the bowl
     put / it in the bowl
     put the block in / it
     put the chess / set in the box

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 import torch
 
-from gem_lite import clip
 from gem_lite.language import LOCATION_CODE_LENGTH, Queries, location_code, split_location, word_lists
 from gem_lite.maps import query_maps
 from gem_lite.policies import methods
@@ -22,19 +21,23 @@ def table(*places):
 
 
 @pytest.mark.parametrize(
-    ("phrase", "word"),
+    ("phrase", "word", "thing"),
     [
-        ("left star hole", "left"), ("the top letter T shape hole", "top"), ("Middle ring hole", "middle"),
-        ("block on the left", "left"), ("the block in the middle", "middle"), ("leftmost block", "left"),
-        ("right-most block", "right"), ("middle brown block", "middle"), ("left top hat", "left"),
-        ("leftmost shoe", "left"), ("shoe on the right", "right"), ("top black hat", "top"),
-        ("star hole", None), ("middle of the stand", None), ("left", None), ("top hat", None), ("right shoe", None),
-        ("left shoes with red laces", None), ("black top hat", None), ("bottom drawer", None), ("", None),
-        ("on the left", None),
+        ("left star hole", "left", "star hole"), ("the left star hole", "left", "star hole"),
+        ("the top letter T shape hole", "top", "letter t shape hole"), ("Middle ring hole", "middle", "ring hole"),
+        ("star hole on the left", "left", "star hole"), ("the block in the middle", "middle", "block"),
+        ("leftmost block", "left", "block"), ("right-most block", "right", "block"),
+        ("middle brown block", "middle", "brown block"), ("left top hat", "left", "top hat"),
+        ("leftmost shoe", "left", "shoe"), ("shoe on the right", "right", "shoe"),
+        ("top black hat", "top", "black hat"),
+        *((name, None, name) for name in (
+            "star hole", "middle of the stand", "left", "top hat", "right shoe", "left shoes with red laces",
+            "black top hat", "bottom drawer", "", "on the left", "red block",
+        )),
     ],
 )  # fmt: skip
-def test_the_location_word_of_a_phrase(phrase, word):
-    assert split_location(phrase)[0] == word
+def test_a_phrase_is_a_location_word_and_a_thing(phrase, word, thing):
+    assert split_location(phrase) == (word, thing)
 
 
 def cells_of(semantic):
@@ -43,31 +46,9 @@ def cells_of(semantic):
     return [np.argwhere(regions == number).tolist() for number in range(1, count + 1)]
 
 
-@pytest.mark.parametrize(
-    ("phrase", "thing"),
-    [
-        ("left star hole", "star hole"), ("the left star hole", "star hole"), ("star hole on the left", "star hole"),
-        ("leftmost shoe", "shoe"), ("middle brown block", "brown block"), ("top hat", "top hat"),
-        ("middle of the stand", "middle of the stand"), ("red block", "red block"), ("left", "left"),
-    ],
-)  # fmt: skip
-def test_a_phrase_without_its_location_word(phrase, thing):
-    assert split_location(phrase)[1] == thing
-
-
-@pytest.mark.parametrize("word", word_lists.LOCATION_WORDS)
-def test_every_word_that_is_read_chooses_a_response(word):
-    semantic = table((50, 20, 1.0), (90, 40, 1.0))
-    for wording in (f"{word} block", f"{word}most block"):
-        read = split_location(wording)[0]
-        assert (query_maps.located(semantic, read, WORKSPACE) == 1).sum() == 1
-
-
 def test_responses_are_the_strongest_maxima():
     assert cells_of(table((50, 20, 1.0), (50, 50, 0.95), (90, 40, 0.85))) == [[[50, 20]], [[50, 50]]]
-
-
-def test_two_maxima_of_one_place_are_one_response():
+    # Two maxima of one place are one response.
     semantic = table((50, 20, 1.0))
     semantic[52, 22] = 0.99
     assert cells_of(semantic) == [[[50, 20]]]
@@ -75,23 +56,17 @@ def test_two_maxima_of_one_place_are_one_response():
     assert cells_of(semantic) == [[[50, 20], [52, 22]]]
 
 
-def flat_things():
-    """Two flat things of 20 x 20 equal cells, as a detector fills its boxes."""
-    semantic = np.zeros(WORKSPACE.shape, np.float32)
-    semantic[40:60, 10:30] = semantic[90:110, 45:65] = 1.0
-    return semantic
-
-
 def test_a_flat_thing_is_one_response_and_stays_whole():
-    semantic = flat_things()
+    # Two flat things of 20 x 20 equal cells, as a detector fills its boxes.
+    things = {"left": np.s_[40:60, 10:30], "bottom": np.s_[90:110, 45:65]}
+    semantic = np.zeros(WORKSPACE.shape, np.float32)
+    for cells in things.values():
+        semantic[cells] = 1.0
     assert [len(cells) for cells in cells_of(semantic)] == [400, 400]
-    for word, kept, lowered in (
-        ("left", np.s_[40:60, 10:30], np.s_[90:110, 45:65]),
-        ("bottom", np.s_[90:110, 45:65], np.s_[40:60, 10:30]),
-    ):
+    for word, other in (("left", "bottom"), ("bottom", "left")):
         located = query_maps.located(semantic, word, WORKSPACE)
-        assert (located[kept] == 1).all()
-        assert np.allclose(located[lowered], 1 - query_maps.LOWERED)
+        assert (located[things[word]] == 1).all()
+        assert np.allclose(located[things[other]], 1 - query_maps.LOWERED)
 
 
 def test_a_long_thing_beside_another_stays_whole():
@@ -104,18 +79,20 @@ def test_a_long_thing_beside_another_stays_whole():
     assert located[20, 32] == np.float32(1 - query_maps.LOWERED)
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_constant_map_has_no_response_and_stays_as_it_is(value):
-    semantic = np.full(WORKSPACE.shape, value, np.float32)
-    assert cells_of(semantic) == []
-    for word in ("left", "right", "top", "bottom", "middle"):
+@pytest.mark.parametrize(
+    ("semantic", "count"),
+    [
+        (np.full(WORKSPACE.shape, 0.0, np.float32), 0), (np.full(WORKSPACE.shape, 1.0, np.float32), 0),
+        (table((50, 20, 0.09), (50, 50, 0.08)), 0), (table((50, 20, 1.0)), 1),
+    ],
+    ids=["constant 0", "constant 1", "hardly above the table", "one response"],
+)  # fmt: skip
+def test_a_map_with_fewer_than_two_responses_stays_as_it_is(semantic, count):
+    assert len(cells_of(semantic)) == count
+    for word in word_lists.LOCATION_WORDS:
         assert np.array_equal(query_maps.located(semantic, word, WORKSPACE), semantic)
-
-
-def test_a_map_that_hardly_rises_above_the_table_has_no_response():
-    semantic = table((50, 20, 0.09), (50, 50, 0.08))
-    assert cells_of(semantic) == []
-    assert np.array_equal(query_maps.located(semantic, "right", WORKSPACE), semantic)
+    with pytest.raises(ValueError, match="word must be one of left, right, top, bottom, middle, got 'north'"):
+        query_maps.located(semantic, "north", WORKSPACE)
 
 
 @pytest.mark.parametrize(
@@ -133,34 +110,22 @@ def test_a_word_chooses_one_response_and_lowers_the_others(word, place):
     for row, col in set(places) - {place}:
         assert located[row, col] == pytest.approx(semantic[place] - query_maps.LOWERED)
     assert (located <= semantic).all()
+    # As the task's words (tasks/assembling_kits.py): left is smaller x, top is larger y.
+    (x, y), others = WORKSPACE.to_world(*place), [WORKSPACE.to_world(*one) for one in set(places) - {place}]
+    first = {"left": x < min(o[0] for o in others), "right": x > max(o[0] for o in others),
+             "top": y > max(o[1] for o in others), "bottom": y < min(o[1] for o in others)}  # fmt: skip
+    assert first.get(word, True)
 
 
-def test_the_directions_are_those_of_the_world():
-    # Left is smaller x, top is larger y: as the task's words (tasks/assembling_kits.py).
-    left, top = table((60, 15, 1.0), (60, 60, 1.0)), table((20, 40, 1.0), (120, 40, 1.0))
-    row, col = np.unravel_index(query_maps.located(left, "left", WORKSPACE).argmax(), WORKSPACE.shape)
-    assert WORKSPACE.to_world(row, col)[0] < WORKSPACE.to_world(60, 60)[0]
-    row, col = np.unravel_index(query_maps.located(top, "top", WORKSPACE).argmax(), WORKSPACE.shape)
-    assert WORKSPACE.to_world(row, col)[1] > WORKSPACE.to_world(120, 40)[1]
-
-
-def test_one_response_stays_as_it_is():
-    semantic = table((50, 20, 1.0))
-    assert np.array_equal(query_maps.located(semantic, "right", WORKSPACE), semantic)
-
-
-def test_an_unknown_word_is_named():
-    with pytest.raises(ValueError, match="word must be one of left, right, top, bottom, middle, got 'north'"):
-        query_maps.located(table((50, 20, 1.0)), "north", WORKSPACE)
-
-
-def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not():
+def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not(model):
     phrases = [f"{start} to {end}" for start, end in ropes.DIRECTIONS]
     codes = torch.stack([location_code(phrase) for phrase in phrases])
-    embeddings = clip.load().embed_texts(phrases)
+    embeddings = model.embed_texts(phrases)
     apart = ~torch.eye(len(phrases), dtype=torch.bool)
     assert (embeddings @ embeddings.T)[apart].min() > 0.99
     assert (codes @ codes.T)[apart].max() < 0.9
+    # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
+    assert torch.equal(torch.stack([location_code(f"{end} to {start}") for start, end in ropes.DIRECTIONS]), codes)
 
 
 @pytest.mark.parametrize(
@@ -188,23 +153,14 @@ def test_the_code_counts_words_before_and_after_to(phrase, words):
     code = location_code(phrase)
     assert torch.allclose(code, torch.nn.functional.normalize(expected, dim=0))
     assert code.norm() == pytest.approx(1 if words else 0)
-
-
-def test_a_word_after_to_is_another_than_one_before():
     before, after = location_code("left block"), location_code("block to the left")
     assert any(before) and any(after) and not torch.equal(before, after)
 
 
-def test_a_line_has_one_code_in_both_directions():
-    # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
-    for start, end in ropes.DIRECTIONS:
-        assert torch.equal(location_code(f"{end} to {start}"), location_code(f"{start} to {end}"))
-
-
 @pytest.mark.parametrize("method", methods.METHODS.names())
-def test_the_networks_of_every_method_get_the_code_of_both_phrases(method):
+def test_the_networks_of_every_method_get_the_code_of_both_phrases(method, model):
     kind, config = methods.find(method)
-    policy = kind(config, clip.load())
+    policy = kind(config, model)
     words = policy.words(Queries("left red block", "front left tip to back left corner"))
     for name, phrase in (("pick", "left red block"), ("place", "front left tip to back left corner")):
         assert words[name].shape == (policy.language_dim,)

@@ -46,33 +46,14 @@ def test_wrap_table(angle, expected):
     assert wrap(angle) == pytest.approx(expected)
 
 
-def test_wrap_keeps_the_direction_and_stays_in_range():
-    angles = np.linspace(-20, 20, 401)
-    wrapped = np.array([wrap(angle) for angle in angles])
-    assert (wrapped >= -math.pi).all() and (wrapped < math.pi).all()
-    np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * angles), atol=1e-9)
-
-
-def test_a_quarter_turn_is_counter_clockwise():
-    ahead = Pose2(0, 0, QUARTER) @ Pose2(1, 0, 0.2)
-    assert same_pose(ahead, Pose2(0, 1, QUARTER + 0.2))
-
-
-def test_composition_applies_the_right_pose_in_the_frame_of_the_left():
+def test_poses_turn_counter_clockwise_and_compose_in_the_frame_of_the_left():
+    assert same_pose(Pose2(0, 0, QUARTER) @ Pose2(1, 0, 0.2), Pose2(0, 1, QUARTER + 0.2))
     a, b = Pose2(0.3, -0.2, 0.7), Pose2(-0.1, 0.5, -2.0)
-    turn = Rotation.from_euler("z", a.yaw).as_matrix()[:2, :2]
-    x, y = turn @ [b.x, b.y] + [a.x, a.y]
+    x, y = Rotation.from_euler("z", a.yaw).as_matrix()[:2, :2] @ [b.x, b.y] + [a.x, a.y]
     assert same_pose(a @ b, Pose2(x, y, -1.3))
-
-
-def test_inverse_undoes_from_both_sides():
-    pose = Pose2(0.3, -0.2, 2.5)
-    assert same_pose(pose @ pose.inverse(), Pose2(0, 0, 0))
-    assert same_pose(pose.inverse() @ pose, Pose2(0, 0, 0))
-
-
-def test_quaternion_turns_x_into_y():
     np.testing.assert_allclose(Rotation.from_quat(quaternion(QUARTER)).apply([1, 0, 0]), [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(rotation_matrix(QUARTER) @ [0, 1], [-1, 0], atol=1e-12)  # right to up
+    np.testing.assert_allclose(np.degrees(angle_bins(36)), np.arange(0, 360, 10))
 
 
 def test_delta_is_place_minus_pick_wrapped():
@@ -84,45 +65,15 @@ def test_delta_is_place_minus_pick_wrapped():
     assert delta(3.0, -3.0) == pytest.approx(2 * math.pi - 6.0)  # the short way over the seam
 
 
-def test_angle_bins_start_at_zero_and_go_counter_clockwise():
-    np.testing.assert_allclose(np.degrees(angle_bins(36)), np.arange(0, 360, 10))
-
-
-@pytest.mark.parametrize(("pixel", "shape"), [(0.00625, (160, 80)), (0.003125, (320, 160))])
-def test_workspace_shape(pixel, shape):
-    assert Workspace(pixel=pixel).shape == shape
-
-
-def test_cell_centres_are_whole_numbers():
+def test_cell_centres_are_whole_numbers_rows_grow_with_minus_y_and_columns_with_x():
     w = Workspace()
+    assert w.shape == (160, 80) and Workspace(pixel=0.003125).shape == (320, 160)
     half = w.pixel / 2
     assert w.to_pixel(w.x_min + half, w.y_max - half) == pytest.approx((0, 0))
     assert w.to_pixel(w.x_max - half, w.y_min + half) == pytest.approx((159, 79))
     assert w.to_world(0, 0) == pytest.approx((w.x_min + half, w.y_max - half))
-
-
-def test_rows_grow_with_minus_y_and_columns_with_x():
-    w = Workspace()
     row, col = w.to_pixel(0.5, 0.1)
-    assert w.to_pixel(0.5, 0.1 - w.pixel) == pytest.approx((row + 1, col))
-    assert w.to_pixel(0.5 + w.pixel, 0.1) == pytest.approx((row, col + 1))
-
-
-def test_pixel_world_round_trip():
-    w = Workspace(x_min=-0.1, x_max=0.7, y_min=0.2, y_max=0.9, pixel=0.004)
-    rng = np.random.default_rng(0)
-    x, y = rng.uniform(w.x_min, w.x_max, 100), rng.uniform(w.y_min, w.y_max, 100)
-    np.testing.assert_allclose(w.to_world(*w.to_pixel(x, y)), (x, y), atol=1e-12)
-
-
-def test_nearest_cell_is_the_cell_around_the_point():
-    w = Workspace()
-    rng = np.random.default_rng(1)
-    for x, y in zip(rng.uniform(w.x_min, w.x_max, 200), rng.uniform(w.y_min, w.y_max, 200), strict=True):
-        row, col = w.nearest_cell(x, y)
-        assert 0 <= row < 160 and 0 <= col < 80
-        centre = w.to_world(row, col)
-        assert max(abs(centre[0] - x), abs(centre[1] - y)) <= w.pixel / 2 + 1e-12
+    assert w.to_pixel(0.5 + w.pixel, 0.1 - w.pixel) == pytest.approx((row + 1, col + 1))
 
 
 def test_nearest_cell_of_every_contained_edge_is_on_the_map():
@@ -137,28 +88,10 @@ def test_nearest_cell_of_every_contained_edge_is_on_the_map():
         assert w.nearest_cell(x, y) == cell
     assert not w.contains(0.3, w.y_min)
     assert not w.contains(w.x_max, 0.0)
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.2, 0.0), (0.8, 0.0), (0.5, 0.6), (0.5, -0.6), (math.nan, 0.0)])
-def test_nearest_cell_outside_raises(x, y):
-    with pytest.raises(ValueError, match="outside the workspace"):
-        Workspace().nearest_cell(x, y)
-
-
-def test_contains_keeps_a_margin():
-    w = Workspace()
     assert w.contains(0.26, 0.0) and not w.contains(0.26, 0.0, margin=0.02)
-
-
-def test_rotation_matrix_takes_right_to_up():
-    np.testing.assert_allclose(rotation_matrix(QUARTER) @ [0, 1], [-1, 0], atol=1e-12)
-
-
-@pytest.mark.parametrize("size", [7, 8])
-def test_quarter_turn_of_a_square_is_rot90(size):
-    image = torch.rand(2, 3, size, size, generator=torch.Generator().manual_seed(0))
-    turned = rotate_image(image, torch.tensor([QUARTER]))
-    torch.testing.assert_close(turned, torch.rot90(image, 1, (-2, -1)), atol=1e-5, rtol=0)
+    for x, y in ((0.2, 0.0), (0.8, 0.0), (0.5, 0.6), (0.5, -0.6), (math.nan, 0.0)):
+        with pytest.raises(ValueError, match="outside the workspace"):
+            w.nearest_cell(x, y)
 
 
 def test_one_image_by_many_angles_is_each_angle_alone():
@@ -181,20 +114,14 @@ def test_a_narrow_map_turns_in_pixels(degrees):
     assert centroid(turned) == pytest.approx(tuple(expected), abs=0.05)
 
 
-def test_a_turn_of_a_picture_goes_up_from_the_right():
+def test_a_picture_turns_up_from_the_right_and_shifts_by_rows_then_columns():
     # Hand-made: no other function of se2 says where the pixel should land.
     image = torch.zeros(1, 1, 41, 21)
     image[0, 0, 20, 16] = 1.0
-    turned = rotate_image(image, torch.tensor([QUARTER]))
-    assert turned[0, 0, 14, 10] == pytest.approx(1.0, abs=1e-4)
-    assert turned.sum() == pytest.approx(1.0, abs=1e-4)
-
-
-def test_shift_moves_rows_then_columns():
-    image = torch.zeros(1, 1, 9, 9)
-    image[0, 0, 4, 4] = 1.0
-    moved = rotate_image(image, torch.zeros(1), shift=(2, -3))
-    assert moved[0, 0, 6, 1] == pytest.approx(1.0, abs=1e-5)
+    for shift, landed in (((0.0, 0.0), (14, 10)), ((2, -3), (16, 7))):
+        turned = rotate_image(image, torch.tensor([QUARTER]), shift=shift)
+        assert turned[0, 0, *landed] == pytest.approx(1.0, abs=1e-4)
+        assert turned.sum() == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(("degrees", "shift"), [(0, (3, -2)), (90, (0, 0)), (35, (-4, 2.5)), (-120, (2, 1))])

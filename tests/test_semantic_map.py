@@ -8,7 +8,7 @@ from frame_averaging import frame_averaged
 from gem_lite import tasks
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
-from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, unpatchify
+from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify
 from gem_lite.maps.semantic_map import fuse, plateau_centre
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
@@ -22,39 +22,47 @@ def scene_and_truth(model, world):
     return scene, task, task.expert(world).action, observation
 
 
-@pytest.mark.parametrize("shape", [(40, 60), (47, 53), (40, 41)])
-def test_every_pixel_is_covered_and_a_constant_survives(shape):
-    grid = PatchGrid(shape, 20, 9)
-    rows, cols = (len(starts) for starts in grid.starts())
-    assert np.allclose(unpatchify(np.full((rows, cols), 3.0), grid), 3.0)
-    assert all((coverage.sum(axis=1) > 0).all() for coverage in grid.coverage())
+def test_bad_grids_are_named():
+    for patch, stride, name in ((50, 5, "patch"), (0, 1, "patch"), (8, 0, "stride"), (8, 9, "stride")):
+        with pytest.raises(ValueError, match=name):
+            PatchGrid((40, 60), patch, stride)
 
 
-def test_patchify_against_slicing():
-    image = np.random.default_rng(0).integers(0, 255, (47, 53, 3), np.uint8)
-    grid = PatchGrid((47, 53), 20, 9)
-    patches, (rows, cols) = patchify(image, grid), grid.starts()
-    for i, row in enumerate(rows):
-        for j, col in enumerate(cols):
-            assert np.array_equal(patches[i, j], image[row : row + 20, col : col + 20])
+def test_patches_are_embedded_as_each_alone_and_unwanted_ones_change_no_wanted_pixel(model):
+    image = np.random.default_rng(1).integers(0, 255, (80, 100, 3), np.uint8)
+    grid, words = PatchGrid((80, 100), 40, 20), model.embed_texts(["red block"])[0]
+    whole = embed_patches(image, grid, model)
+    patches = patchify(image, grid)
+    alone = [[model.embed_images(patch[None].copy())[0] for patch in row] for row in patches]
+    assert torch.allclose(whole.values, torch.stack([torch.stack(row) for row in alone]), atol=1e-4)
+    wanted = np.zeros((80, 100), bool)
+    wanted[30:45, 20:60] = True
+    some = embed_patches(image, grid, model, wanted).score(words)
+    assert np.allclose(whole.score(words)[wanted], some[wanted], atol=1e-5)
 
 
-def test_unpatchify_is_the_mean_of_the_covering_patches():
-    # Without overlap, P^-1 undoes a patch-wise constant exactly; with overlap it averages, here by hand.
-    grid = PatchGrid((4, 6), 2, 2)
-    scores = np.arange(6.0).reshape(2, 3)
-    assert np.array_equal(unpatchify(scores, grid), np.kron(scores, np.ones((2, 2))))
-    overlapped = unpatchify(np.array([[0.0, 1.0, 5.0]]), PatchGrid((2, 4), 2, 1))
-    assert np.allclose(overlapped[0], [0.0, 0.5, 3.0, 5.0])
-
-
-def test_gradient_image_averages_to_itself_inside():
-    # Patch means of a linear ramp average back to the ramp wherever the covering patches lie evenly.
-    grid = PatchGrid((12, 40), 8, 4)
-    ramp = np.tile(np.arange(40.0), (12, 1))
-    means = patchify(ramp[..., None], grid).mean(axis=(2, 3, 4))
-    block = unpatchify(means, grid)[:, 8:32].reshape(12, 6, 4).mean(axis=2)
-    assert np.allclose(block, ramp[:, 8:32].reshape(12, 6, 4).mean(axis=2))
+def test_the_maps_point_at_the_named_things(scene_and_truth, model):
+    scene, task, action, _ = scene_and_truth
+    block, bowl = task.named_colors
+    crop = crop_memory.cut(scene.heightmap, action.place, LITE.top_patch)
+    memory = CropMemory([CropEntry(f"{bowl} bowl", crop, "t", 0)], model)
+    single = semantic_map.single_view_map(scene, f"{bowl} bowl", model)
+    for made, pose in (
+        (semantic_map.text_conditioned_map(scene, f"{block} blocks", model), action.pick),
+        (semantic_map.text_conditioned_map(scene, f"{bowl} bowl", model), action.place),
+        (semantic_map.image_conditioned_map(scene, f"{bowl} bowl", model, memory), action.place),
+        (single, action.place),
+    ):
+        assert made.shape == LITE.workspace.shape
+        assert made[LITE.workspace.nearest_cell(pose.x, pose.y)] > 0.5
+        assert np.median(made) < 0.3
+    assert semantic_map.image_conditioned_map(scene, "red block", model, None) is None, "no memory"
+    # Two float32 products of the same numbers may differ in their last bits, and the scale enlarges the difference.
+    words = model.embed_texts([f"{bowl} bowl"])[0]
+    assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)), atol=1e-4)
+    # What is not there gives a dark map: no per-image min-max.
+    absent = semantic_map.text_conditioned_map(scene, "black bowl", model)
+    assert absent.max() < semantic_map.text_conditioned_map(scene, "green bowl", model).max() - 0.15
 
 
 @pytest.mark.parametrize("kind", ["as it is", "one camera", "stride 7"])
@@ -81,9 +89,7 @@ def test_patches_of_a_wide_picture_show_as_much_of_the_table(scene_and_truth, mo
         camera = dataclasses.replace(camera, size=(960, 1280), intrinsics=(*finer, camera.intrinsics[2]))
         large.append(View(camera, *(np.repeat(np.repeat(p, 2, axis=0), 2, axis=1) for p in (view.rgb, view.depth))))
     found = semantic_map.embed_scene(large, model, LITE)
-    assert [side.grid.patch for side in found.sides] == [40] * 3 and [side.grid.patch for side in scene.sides] == [
-        20
-    ] * 3
+    assert {side.grid.patch for side in found.sides} == {40} and {side.grid.patch for side in scene.sides} == {20}
     assert [side.values.shape for side in found.sides] == [side.values.shape for side in scene.sides]
     block, bowl = task.named_colors
     for phrase, pose in ((f"{block} blocks", action.pick), (f"{bowl} bowl", action.place)):
@@ -92,87 +98,12 @@ def test_patches_of_a_wide_picture_show_as_much_of_the_table(scene_and_truth, mo
         assert np.abs(text - semantic_map.text_conditioned_map(scene, phrase, model)).mean() < 0.05
 
 
-@pytest.mark.parametrize(
-    ("patch", "stride", "name"), [(50, 5, "patch"), (0, 1, "patch"), (8, 0, "stride"), (8, 9, "stride")]
-)
-def test_bad_grids_are_named(patch, stride, name):
-    with pytest.raises(ValueError, match=name):
-        PatchGrid((40, 60), patch, stride)
-
-
-def test_skipping_unwanted_patches_changes_no_wanted_pixel(model):
-    rng = np.random.default_rng(1)
-    image = rng.integers(0, 255, (80, 100, 3), np.uint8)
-    wanted = np.zeros((80, 100), bool)
-    wanted[30:45, 20:60] = True
-    grid, words = PatchGrid((80, 100), 40, 20), model.embed_texts(["red block"])[0]
-    everything = embed_patches(image, grid, model).score(words)
-    some = embed_patches(image, grid, model, wanted).score(words)
-    assert np.allclose(everything[wanted], some[wanted], atol=1e-5)
-
-
-def test_batch_equals_patch_by_patch(model):
-    image = np.random.default_rng(2).integers(0, 255, (80, 80, 3), np.uint8)
-    grid = PatchGrid((80, 80), 40, 20)
-    batch = embed_patches(image, grid, model).values
-    patches = patchify(image, grid)
-    for i in range(batch.shape[0]):
-        for j in range(batch.shape[1]):
-            alone = model.embed_images(patches[i, j][None].copy())[0]
-            assert torch.allclose(batch[i, j], alone, atol=1e-4)
-
-
-def test_text_map_points_at_the_named_things(scene_and_truth, model):
-    scene, task, action, _ = scene_and_truth
-    block, bowl = task.named_colors
-    for phrase, pose in ((f"{block} blocks", action.pick), (f"{bowl} bowl", action.place)):
-        text = semantic_map.text_conditioned_map(scene, phrase, model)
-        row, col = scene.heightmap.workspace.nearest_cell(pose.x, pose.y)
-        assert text.shape == LITE.workspace.shape
-        assert text[row, col] > 0.5
-        assert np.median(text) < 0.2
-
-
-def test_map_is_not_scaled_by_its_own_extremes(scene_and_truth, model):
-    # Asking for what is not there must give a dark map: no per-image min-max.
-    scene, *_ = scene_and_truth
-    present = semantic_map.text_conditioned_map(scene, "green bowl", model)
-    absent = semantic_map.text_conditioned_map(scene, "black bowl", model)
-    assert absent.max() < present.max() - 0.15
-
-
-def test_image_map_finds_the_demonstrated_thing_again(scene_and_truth, model):
-    scene, task, action, _ = scene_and_truth
-    phrase = f"{task.named_colors[1]} bowl"
-    crop = crop_memory.cut(scene.heightmap, action.place, LITE.top_patch)
-    memory = CropMemory([CropEntry(phrase, crop, "t", 0)], model)
-    image = semantic_map.image_conditioned_map(scene, phrase, model, memory)
-    row, col = scene.heightmap.workspace.nearest_cell(action.place.x, action.place.y)
-    assert image[row, col] > 0.5
-    assert np.median(image) < 0.3
-
-
-def test_no_memory_means_no_image_map(scene_and_truth, model):
-    assert semantic_map.image_conditioned_map(scene_and_truth[0], "red block", model, None) is None
-
-
 def test_fuse_is_the_weighted_mean():
     text, image = np.full((2, 2), 1.0), np.full((2, 2), 0.5)
     assert np.allclose(fuse(text, image, 0.8, 0.2), 0.9)
     assert fuse(text, None, 0.8, 0.2) is text
     with pytest.raises(ValueError, match="w1 and w2"):
         fuse(text, image, 0, 0)
-
-
-def test_single_view_map_points_at_the_named_things_too(scene_and_truth, model):
-    scene, task, action, _ = scene_and_truth
-    single = semantic_map.single_view_map(scene, f"{task.named_colors[1]} bowl", model)
-    row, col = scene.heightmap.workspace.nearest_cell(action.place.x, action.place.y)
-    assert single.shape == LITE.workspace.shape
-    assert single[row, col] > 0.5
-    words = model.embed_texts([f"{task.named_colors[1]} bowl"])[0]
-    # Two float32 products of the same numbers may differ in their last bits, and the scale enlarges the difference.
-    assert np.allclose(single, model.calibration.scale_text(scene.top.score(words)), atol=1e-4)
 
 
 def test_top_patches_of_another_size_are_those_of_a_scene_embedded_with_it(scene_and_truth, model):
@@ -207,16 +138,11 @@ def test_plateau_centre_is_the_middle_of_the_brightest_region():
     assert plateau_centre(semantic, LITE) == pytest.approx((6.0, 12.0))
     semantic[4:9, 13:15] = 0.9  # half as high above the plateau's foot: counts half
     assert plateau_centre(semantic, LITE)[1] == pytest.approx((3 * 11 + 0.5 * 2 * 13.5) / 4)
-
-
-def test_plateau_centre_does_not_fall_between_two_objects():
     # Two discs of 10 cells' radius, their plateaus joined by a bridge: the middle of all would lie on the bridge.
     rows, cols = np.mgrid[:80, :80]
-    semantic = np.zeros((80, 80), np.float32)
-    for col in (25, 53):
-        semantic[np.hypot(rows - 40, cols - col) <= 9] = 1.0
-    semantic[38:43, 25:53] = 1.0
-    row, col = plateau_centre(semantic, LITE)
+    joined = (np.minimum(np.hypot(rows - 40, cols - 25), np.hypot(rows - 40, cols - 53)) <= 9).astype(np.float32)
+    joined[38:43, 25:53] = 1.0
+    row, col = plateau_centre(joined, LITE)
     assert row == pytest.approx(40, abs=0.5)
     assert min(abs(col - 25), abs(col - 53)) < 4
 

@@ -48,11 +48,6 @@ def best_places(semantic: np.ndarray, config: PatchConfig, count: int = 5) -> li
     return places
 
 
-def swapped(view: View) -> View:
-    """A view with red and blue exchanged."""
-    return replace(view, rgb=np.ascontiguousarray(view.rgb[..., ::-1]))
-
-
 def gain_by_swapping(views: Sequence[View], phrases: Sequence[str], source: MapSource) -> float:
     """How much higher phrases score, on the mean of their maps' highest values, if red and blue are exchanged.
 
@@ -64,6 +59,7 @@ def gain_by_swapping(views: Sequence[View], phrases: Sequence[str], source: MapS
     """
     if not phrases:
         raise ValueError("phrases is empty: name some things on the table with their colours")
-    given, exchanged = (source.embed(list(kind)) for kind in (views, map(swapped, views)))
+    swapped = [replace(view, rgb=np.ascontiguousarray(view.rgb[..., ::-1])) for view in views]
+    given, exchanged = source.embed(views), source.embed(swapped)
     gains = [source.map(exchanged, phrase).max() - source.map(given, phrase).max() for phrase in phrases]
     return float(np.mean(gains))

@@ -19,7 +19,7 @@ from scipy import ndimage
 from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.foundations import colors
-from gem_lite.language import Query
+from gem_lite.language import Query, word_lists
 from gem_lite.maps.semantic_map import TEMPLATES, SceneEmbedding
 from gem_lite.maps.sources import MapSource
 from gem_lite.se2 import Workspace
@@ -47,13 +47,10 @@ bare table, so that a score has no lowest value. It was chosen on data/foreign-s
 LOWEST_SCORE = 0.4
 """A thing with a lower score does not fit: on a thing that no word fits, all margins are near 0."""
 OTHER_COLORS = (*colors.RGB, "black")
-COLOR_WORDS = frozenset(
-    (*OTHER_COLORS, "azure", "scarlet", "crimson", "emerald", "tangerine", "golden", "violet", "rose", "teal",
-     "turquoise", "chestnut", "snowy", "grey", "lime", "magenta", "fuchsia", "silver")
-)  # fmt: skip
-"""Words for colours in a phrase."""
-SHADES = frozenset(("light", "lighter", "lightest", "dark", "darker", "darkest", "bright", "middle", "jet", "lime"))
+SHADES = word_lists.SHADES | {"middle", "jet", "lime"}
 """Words that belong to the colour after them."""
+COLOR_WORDS = word_lists.COLORS - word_lists.SHADES - {"jet"}
+"""Words for colours in a phrase."""
 VAGUE = frozenset(("thing", "things", "object", "objects", "something", "anything", "one", "ones", "item", "items"))
 """Words that name no thing. "something red" is whatever is red."""
 OTHER_NOUNS = (
@@ -64,7 +61,7 @@ OTHER_NOUNS = (
 
 
 @dataclass(frozen=True)
-class Fit:
+class PhraseFit:
     """How well a phrase fits the thing that it fits best.
 
     Attributes:
@@ -166,7 +163,7 @@ def _regions(cells: np.ndarray) -> list[np.ndarray]:
 
 def fit(
     scene: SceneEmbedding, phrase: str, source: MapSource, nouns: Sequence[str] = OTHER_NOUNS
-) -> Fit | None:  # fmt: skip
+) -> PhraseFit | None:  # fmt: skip
     """The thing that a phrase fits best, and how well. None if there is no thing on the table."""
     rising, flat = things(scene)
     if not rising and not flat:
@@ -185,7 +182,7 @@ def fit(
     rows, cols = np.nonzero(masks[best])
     x, y = scene.heightmap.workspace.to_world(float(rows.mean()), float(cols.mean()))
     alternative = others[int(rivals[:, best].argmax())] if others else ""
-    return Fit(phrase, x, y, float(wanted[best]), float(margins[best]), alternative)
+    return PhraseFit(phrase, x, y, float(wanted[best]), float(margins[best]), alternative)
 
 
 def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:

@@ -1,8 +1,8 @@
 """What every learned method shares: how it reads, acts and is trained. `Policy` is the interface.
 
-A method turns camera views into its own kind of `Scene`, a scene and two queries into `Inputs`, and inputs into logits
-over angles and pixels. The rest is the same for all methods and is in this module: from the sentence to the action,
-and from the demonstration to the loss.
+A method turns camera views into its own kind of `EmbeddedScene`, a scene and two queries into `Inputs`, and inputs into
+logits over angles and pixels. The rest is the same for all methods and is in this module: from the sentence to the
+action, and from the demonstration to the loss.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_bins
 
 
-class Scene(Protocol):
+class EmbeddedScene(Protocol):
     """What a method computes from the camera views alone, before it knows a query."""
 
     @property
@@ -53,7 +53,7 @@ class Scene(Protocol):
         """The table from above."""
 
 
-SceneT = TypeVar("SceneT", bound=Scene)
+SceneT = TypeVar("SceneT", bound=EmbeddedScene)
 
 
 class _Methods(Registry[type["Policy"]]):

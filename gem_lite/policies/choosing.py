@@ -50,11 +50,9 @@ class Choice:
 
 @dataclass(frozen=True)
 class TablesChoice:
-    """One pick and one place over N tables, or one push, and the inputs and logits that led to them.
+    """A `Choice` over N tables, with the inputs that led to it; the logits are (N, R, H, W).
 
-    ``pick_logits`` and ``place_logits`` are (N, R, H, W). ``pick_cell`` and ``place_cell`` are (angle, row, col) of the
-    best logit among the allowed ones. ``pick`` is in the frame of table ``pick_table``. ``place`` is in the frame of
-    table ``place_table``; its yaw is the gripper's.
+    ``pick`` is in the frame of table ``pick_table``, ``place`` in that of ``place_table``; its yaw is the gripper's.
     """
 
     instruction: str

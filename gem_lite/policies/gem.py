@@ -73,9 +73,7 @@ class ActionModule(nn.Module):
         self, correlation: Callable[[torch.Tensor], torch.Tensor], features: torch.Tensor, kernel: torch.Tensor
     ) -> torch.Tensor:
         """A correlation of features with a kernel. Where the policy acts, they go on beyond the table (`continued`)."""
-        if self.training:
-            return correlation(features.float())
-        return continued(correlation, features.float(), kernel.shape[-1] // 2)
+        return continued(correlation, features.float(), 0 if self.training else kernel.shape[-1] // 2)
 
     def score(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of features against a kernel (B, kernel_channels, h, h)."""
@@ -210,8 +208,8 @@ class Gem(Policy[SceneEmbedding]):
         hidden = None if self.config.own_crop else key
         pick = self.maps(scene, queries.pick, hidden)
         place = self.maps(scene, queries.place, hidden)
-        with_image = label(step, self._inputs(scene, queries, pick.fused, place.fused), self.config)
-        return replace(with_image, maps=_maps_by_role(pick.text, place.text)), with_image
+        both_maps = label(step, self._inputs(scene, queries, pick.fused, place.fused), self.config)
+        return replace(both_maps, maps=_maps_by_role(pick.text, place.text)), both_maps
 
     @property
     @override

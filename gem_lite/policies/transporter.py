@@ -161,10 +161,9 @@ class KeyQuery(nn.Module):
         kernels = self.kernels(image, words, picks, *levels)
         features = self.encoder(image, words, *levels)
         with torch.autocast(features.device.type, enabled=False):
-            if self.training:
-                return correlate(features.float(), kernels.float())
             # Where the policy acts, the features go on beyond the table.
-            return continued(lambda whole: correlate(whole, kernels.float()), features.float(), self.size // 2)
+            reach = 0 if self.training else self.size // 2
+            return continued(lambda whole: correlate(whole, kernels.float()), features.float(), reach)
 
     def kernels(
         self, image: torch.Tensor, words: torch.Tensor, picks: torch.Tensor, *levels: torch.Tensor

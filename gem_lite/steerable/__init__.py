@@ -32,7 +32,7 @@ import torch
 from scipy.special import jn_zeros, jv
 
 from gem_lite.se2 import angle_bins
-from gem_lite.steerable.correlation import correlate_coefficients, correlate_parts
+from gem_lite.steerable.correlation import correlate
 
 
 def disc(size: int) -> torch.Tensor:
@@ -194,11 +194,11 @@ class SteerableKernel:
         Raises:
             ValueError: batch or channels are not the kernel's.
         """
-        return correlate_coefficients(features, self.coefficients)
+        return torch.complex(*self.correlate_parts(features).chunk(2, dim=1))
 
     def correlate_parts(self, features: torch.Tensor) -> torch.Tensor:
         """As `correlate`, (B, 2(K + 1), H, W) real: the real parts, then the imaginary parts."""
-        return correlate_parts(features, self.coefficients)
+        return correlate(features, torch.cat([self.coefficients.real, self.coefficients.imag], dim=1))
 
 
 def _check_kernel(kernel: torch.Tensor) -> torch.Size:

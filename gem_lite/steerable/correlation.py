@@ -31,16 +31,6 @@ def correlate(features: torch.Tensor, kernels: torch.Tensor) -> torch.Tensor:
     return _Correlate.apply(features.contiguous(), kernels)
 
 
-def correlate_coefficients(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
-    """`correlate` with the Fourier coefficients of a lifted kernel, (B, K+1, C, h, h) complex: (B, K+1, H, W)."""
-    return torch.complex(*correlate_parts(features, coefficients).chunk(2, dim=1))
-
-
-def correlate_parts(features: torch.Tensor, coefficients: torch.Tensor) -> torch.Tensor:
-    """As `correlate_coefficients`, (B, 2(K+1), H, W) real: the real parts, then the imaginary parts."""
-    return correlate(features, torch.cat([coefficients.real, coefficients.imag], dim=1))
-
-
 def continued(correlation: Callable[[torch.Tensor], torch.Tensor], features: torch.Tensor, reach: int) -> torch.Tensor:
     """The response (B, N, H, W) of features (B, C, H, W) that go on beyond their border as they are at the border.
 
@@ -49,8 +39,10 @@ def continued(correlation: Callable[[torch.Tensor], torch.Tensor], features: tor
 
     Args:
         correlation: from features to responses of the same height and width.
-        reach: of the kernel: half of its size (pixels).
+        reach: of the kernel: half of its size (pixels); 0 continues nothing.
     """
+    if reach == 0:
+        return correlation(features)
     padded = F.pad(features, (reach,) * 4, mode="replicate")
     return correlation(padded)[..., reach:-reach, reach:-reach]
 
@@ -171,7 +163,7 @@ def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
 
 
 def sample_parts(parts: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
-    """`sample` for a response of `correlate_parts`, (B, 2(K+1), H, W)."""
+    """`sample` for a response of `SteerableKernel.correlate_parts`, (B, 2(K+1), H, W)."""
     basis = sampling_matrix(parts.shape[1] // 2, angles).to(parts)  # (R, 2(K+1))
     return (basis @ parts.flatten(2)).unflatten(2, parts.shape[2:])
 

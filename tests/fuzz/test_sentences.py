@@ -94,11 +94,3 @@ def test_conjuncts_of_any_text_are_phrases_or_refused(texts):
             continue
         assert members and all(member.strip() for member in members)
         assert len(members) == 1 or not any(" and " in f" {member} " for member in members)
-
-
-@given(THINGS, st.sampled_from(PLACING), THINGS)
-def test_a_plain_sentence_is_always_parsed(pick, placing, place):
-    def bare(thing):
-        return re.sub("^(the|a) ", "", thing.strip().lower())
-
-    assert parse(f"put {pick} {placing} {place}") == Queries(bare(pick), bare(place))
