@@ -31,8 +31,8 @@ class Sweeping(Task):
         cubes = []
         for row, col in np.ndindex(2, CUBES // 2):
             pose = Pose2(0.45 + 1.5 * side * row, 0.1 + 1.5 * side * col, rng.uniform(0, math.pi / 2))
-            cubes.append(environment.add(shapes.add_box(environment.client, (side,) * 3, RED, pose)))
-            self.names[cubes[-1].id] = "red cube"
+            cube = shapes.add_box(environment.client, (side,) * 3, RED, pose)
+            cubes.append(self.put(environment, cube, "red cube"))
         zone = Pose2(0.5, 0.1 - self.reach)
         inside = ZoneMetric((0.12, 0.12), height=0.05)
         return [Goal("push the pile of red blocks into the green square", tuple(cubes), (zone,), inside)]

@@ -48,11 +48,10 @@ class BlockOnPlate(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         size = (0.1, 0.1, 0.005)
-        plate = environment.add(
-            shapes.add_box(environment.client, size, colors.rgba("white"), free.take(0.08), movable=False)
-        )
-        block = environment.add(shapes.add_block(environment.client, colors.rgba("red"), free.take(0.03)))
-        self.names = {plate.id: "white plate", block.id: "red block"}
+        plate = shapes.add_box(environment.client, size, colors.rgba("white"), free.take(0.08), movable=False)
+        block = shapes.add_block(environment.client, colors.rgba("red"), free.take(0.03))
+        self.put(environment, plate, "white plate")
+        self.put(environment, block, "red block")
         return [Goal("red block -> white plate", (block,), (plate,), PoseMetric(0.04), grasp_symmetry=np.pi / 2)]
 
 

@@ -38,10 +38,9 @@ class AlignRope(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         guide_pose = free.take(GUIDE_RADIUS)
-        guide = environment.add(ropes.add_guide(environment.client, guide_pose))
+        self.put(environment, ropes.add_guide(environment.client, guide_pose), "square guide")
         points = ropes.hanging_points(free.take(ROPE_RADIUS))
-        beads = [environment.add(bead) for bead in ropes.add_rope(environment.client, points)]
-        self.names = {guide.id: "square guide"} | {bead.id: "rope" for bead in beads}
+        beads = [self.put(environment, bead, "rope") for bead in ropes.add_rope(environment.client, points)]
         environment.wait(FALL)
         start, end = ropes.DIRECTIONS[int(rng.integers(len(ropes.DIRECTIONS)))]
         targets = tuple(ropes.targets(guide_pose, start, end))

@@ -15,7 +15,7 @@ from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.packing_shapes import ROUND, TURNS, grasp_point
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Split, Task
 
 TOLERANCE = 0.01
@@ -68,11 +68,10 @@ class AssemblingKits(Task):
         names = [str(name) for name in rng.choice(self.shapes, count)]
         yaws = rng.uniform(-math.pi, math.pi, count).tolist()
         board, holes = kits.add_full_kit(environment.client, kit_pose, names, yaws)
-        self.names[environment.add(board).id] = "kit"
+        self.put(environment, board, "kit")
         for hole, name in zip(holes, names, strict=True):
-            self.names[environment.add(hole).id] = f"{name} hole"
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        self.named_colors = tuple(str(color) for color in rng.choice(palette, count, replace=False))
+            self.put(environment, hole, f"{name} hole")
+        self.named_colors = tuple(draw(rng, self.palette, count))
         places = [environment.pose(hole)[0] for hole in holes]
         goals = []
         for number in rng.permutation(count):
@@ -80,8 +79,8 @@ class AssemblingKits(Task):
             color = self.named_colors[number]
             mesh = shapes.piece_mesh(name)
             pose = free.take(PIECE_RADIUS)
-            piece = environment.add(shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose))
-            self.names[piece.id] = f"{color} {name}"
+            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
+            self.put(environment, piece, f"{color} {name}")
             twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
             where = f"{location(places[number], twins)} {name} hole".strip()
             symmetry = 0.0 if name in ROUND else 2 * math.pi / TURNS.get(name, 1)

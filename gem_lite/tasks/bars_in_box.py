@@ -12,7 +12,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace, put_brown_box
+from gem_lite.tasks.spawn import FreeSpace, draw, put_brown_box
 from gem_lite.tasks.task import Task
 
 BAR_SIZE = (0.1, 0.015, 0.02)
@@ -33,14 +33,12 @@ class BarsInBox(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
-        self.names[box.id] = "brown box"
-        bar_colors = [str(name) for name in rng.choice(PALETTE, BARS, replace=False)]
-        bars = [
-            environment.add(shapes.add_box(environment.client, BAR_SIZE, colors.rgba(name), free.take(BAR_RADIUS)))
-            for name in bar_colors
-        ]
-        self.names |= {bar.id: f"{color} bar" for bar, color in zip(bars, bar_colors, strict=True)}
+        box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
+        bar_colors = draw(rng, PALETTE, BARS)
+        bars = []
+        for color in bar_colors:
+            bar = shapes.add_box(environment.client, BAR_SIZE, colors.rgba(color), free.take(BAR_RADIUS))
+            bars.append(self.put(environment, bar, f"{color} bar"))
         self.named_colors = (bar_colors[0],)
         # A bar is longest along its own x axis, so the jaw needs the bar's yaw. Half a turn more is the same grasp.
         return [Goal(f"put the {bar_colors[0]} bar in the brown box", (bars[0],), (box,), zone, grasp_symmetry=math.pi)]

@@ -13,7 +13,7 @@ from gem_lite.simulation.bodies import shapes, trays
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 TOLERANCE = 0.01
@@ -37,7 +37,7 @@ class BlockInsertion(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        block, fixture = (str(name) for name in rng.choice(colors.SEEN, 2, replace=False))
+        block, fixture = draw(rng, colors.SEEN, 2)
         fixture_pose = free.take(trays.FIXTURE_RADIUS)
         block_pose = free.take(BLOCK_RADIUS)
         return self.arrange(environment, (block, fixture), block_pose, fixture_pose)
@@ -48,8 +48,9 @@ class BlockInsertion(Task):
         """Put an L and its fixture at two given poses, in two named colours. Returns the goal."""
         self.named_colors = named
         rgba = [colors.rgba(name) for name in named]
-        fixture = environment.add(trays.add_l_fixture(environment.client, rgba[1], fixture_pose))
-        block = environment.add(shapes.add_l_block(environment.client, rgba[0], block_pose))
-        self.names = {block.id: f"{named[0]} L-block", fixture.id: f"{named[1]} box"}
+        fixture = trays.add_l_fixture(environment.client, rgba[1], fixture_pose)
+        self.put(environment, fixture, f"{named[1]} box")
+        block = shapes.add_l_block(environment.client, rgba[0], block_pose)
+        self.put(environment, block, f"{named[0]} L-block")
         sentence = f"put the {named[0]} L-block in the {named[1]} box"
         return [Goal(sentence, (block,), (fixture,), seated(block), grasp=GRASP, grasp_symmetry=FULL_TURN)]

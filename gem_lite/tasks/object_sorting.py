@@ -8,11 +8,10 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import objects, symbol_boxes, trays
-from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, ZoneMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 SEEN = (
@@ -53,24 +52,20 @@ class ObjectSorting(Task):
             table = int(rng.integers(len(environment.tables)))
             return environment.tables[table] @ free[table].take(radius)
 
-        boxes = [self._add_box(environment, symbol, random_pose(symbol_boxes.BOX_RADIUS)) for symbol in box_symbols]
+        boxes = []
+        for symbol in box_symbols:
+            box = symbol_boxes.add_symbol_box(environment.client, symbol, random_pose(symbol_boxes.BOX_RADIUS))
+            boxes.append(self.put(environment, box, f"{symbol} box"))
         named = object_names[seed % len(object_names)]
-        others = [name for name in object_names if name != named]
-        distractors = [str(name) for name in rng.choice(others, OBJECTS - 1, replace=False)]
+        distractors = draw(rng, [name for name in object_names if name != named], OBJECTS - 1)
         bodies = []
         for name in (named, *distractors):
             color = str(rng.choice(list(colors.RGB)))
             pose = random_pose(OBJECT_RADIUS)
             variant = int(rng.integers(*VARIANTS))
             body = objects.add_object(environment.client, name, colors.rgba(color), pose, variant)
-            bodies.append(environment.add(body))
-            self.names[body.id] = f"{color} {name}"
+            bodies.append(self.put(environment, body, f"{color} {name}"))
         environment.wait(TOPPLING)
         number = int(rng.integers(len(boxes)))
         sentence = f"pick the {named} and place into the {box_symbols[number]} box"
         return [Goal(sentence, (bodies[0],), (boxes[number],), INSIDE)]
-
-    def _add_box(self, environment: Environment, symbol: str, pose: Pose2) -> Body:
-        box = environment.add(symbol_boxes.add_symbol_box(environment.client, symbol, pose))
-        self.names[box.id] = f"{symbol} box"
-        return box

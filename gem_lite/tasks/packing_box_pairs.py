@@ -38,12 +38,10 @@ class PackingBoxPairs(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
-        self.names[box.id] = "brown box"
+        box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
         box_pose = environment.pose(box)[0]
         cells = split_floor(rng, zone.size, SHORTEST)
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        shuffled = [str(name) for name in rng.permutation(palette)]
+        shuffled = [str(name) for name in rng.permutation(self.palette)]
         named = tuple(shuffled[: min(2, len(cells))])
         self.named_colors = named
         blocks = []
@@ -72,5 +70,4 @@ class PackingBoxPairs(Task):
     ) -> shapes.Body:  # fmt: skip
         pose = free.take(math.hypot(*size) / 2)
         block = shapes.add_box(environment.client, (*size, BLOCK_HEIGHT), colors.rgba(color), pose, mass=0.1)
-        self.names[environment.add(block).id] = f"{color} block"
-        return block
+        return self.put(environment, block, f"{color} block")

@@ -25,7 +25,7 @@ from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, VolumeMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace, TableFullError, put_brown_box, split_floor
+from gem_lite.tasks.spawn import FreeSpace, TableFullError, draw, put_brown_box, split_floor
 from gem_lite.tasks.task import Split, Task
 
 UNSEEN = (
@@ -68,8 +68,7 @@ class PackingObjects(Task):
         self, environment: Environment, rng: np.random.Generator, free: FreeSpace
     ) -> tuple[Body, tuple[float, float], int]:
         """Put the brown box on the table. Returns it, its sides (m), and the number of its cells."""
-        box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
-        self.names[box.id] = "brown box"
+        box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
         return box, zone.size, len(split_floor(rng, zone.size, SHORTEST))
 
     def put_objects(
@@ -84,8 +83,7 @@ class PackingObjects(Task):
             with suppress(TableFullError):
                 pose = free.take(OBJECT_RADIUS)
                 body = objects.add_object(environment.client, name, colors.rgba(color), pose, variant)
-                bodies.append((name, environment.add(body)))
-                self.names[body.id] = f"{color} {name}"
+                bodies.append((name, self.put(environment, body, f"{color} {name}")))
                 extents[body.id] = objects.extents(name, variant)
         environment.wait(TOPPLING)
         return bodies, extents
@@ -156,7 +154,7 @@ class PackingObjectsInTurn(PackingObjects):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         box, sides, count = self.put_box(environment, rng, free)
-        names = [str(name) for name in rng.choice(self.object_names, count, replace=False)]
+        names = draw(rng, self.object_names, count)
         bodies, extents = self.put_objects(environment, rng, free, names)
         named = bodies[: int(rng.integers(1, max(2, len(bodies))))]
         self.max_steps = len(named) + 1
@@ -173,7 +171,7 @@ class PackingObjectsByName(PackingObjects):
         free = FreeSpace(environment.workspace, rng, environment.style)
         box, sides, count = self.put_box(environment, rng, free)
         drawn = [str(name) for name in rng.choice(self.object_names, max(count, 4))]
-        named, distractor = (str(name) for name in rng.choice(self.object_names, 2, replace=False))
+        named, distractor = draw(rng, self.object_names, 2)
         names = [named, named, distractor, distractor, *drawn[4:]]
         bodies, extents = self.put_objects(environment, rng, free, names)
         group = tuple(body for name, body in bodies if name == named)

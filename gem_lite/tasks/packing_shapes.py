@@ -16,7 +16,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace, put_brown_box
+from gem_lite.tasks.spawn import FreeSpace, draw, put_brown_box
 from gem_lite.tasks.task import Task
 
 PIECES = 5
@@ -42,17 +42,15 @@ class PackingShapes(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        box, zone = put_brown_box(environment, rng, free, BOX_SIDES)
-        self.names[box.id] = "brown box"
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
+        box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
         shape_names = shapes.UNSEEN_SHAPES if self.unseen else shapes.SEEN_SHAPES
-        piece_shapes = [str(name) for name in rng.choice(shape_names, PIECES, replace=False)]
+        piece_shapes = draw(rng, shape_names, PIECES)
         pieces = []
-        for shape, color in zip(piece_shapes, rng.choice(palette, PIECES, replace=False), strict=True):
+        for shape, color in zip(piece_shapes, draw(rng, self.palette, PIECES), strict=True):
             mesh = shapes.piece_mesh(shape)
             pose = free.take(float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()))
-            pieces.append(environment.add(shapes.add_mesh(environment.client, mesh, colors.rgba(str(color)), pose)))
-            self.names[pieces[-1].id] = f"{color} {shape}"
+            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
+            pieces.append(self.put(environment, piece, f"{color} {shape}"))
         named = piece_shapes[0]
         symmetry = 0.0 if named in ROUND else 2 * math.pi / TURNS.get(named, 1)
         grasp = Pose2(*grasp_point(named))

@@ -13,7 +13,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace, TableFullError
+from gem_lite.tasks.spawn import FreeSpace, TableFullError, draw
 from gem_lite.tasks.task import Task
 
 TOLERANCE = 0.05
@@ -37,8 +37,7 @@ class PutBlockInBowl(Task):
         free = FreeSpace(environment.workspace, rng, environment.style)
         bowl_count = int(rng.integers(1, 4))
         block_count = int(rng.integers(1, bowl_count + 1))
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        block_color, bowl_color = (str(name) for name in rng.choice(palette, 2, replace=False))
+        block_color, bowl_color = draw(rng, self.palette, 2)
         bowls = [self._add_bowl(environment, free, bowl_color, movable=False) for _ in range(bowl_count)]
         blocks = [self._add_block(environment, free, block_color) for _ in range(block_count)]
         for color in [name for name in colors.RGB if name not in (block_color, bowl_color)][:DISTRACTORS]:
@@ -63,12 +62,10 @@ class PutBlockInBowl(Task):
         profiles = environment.style.bowls
         profile = profiles[free.choose(len(profiles))]
         pose = free.take(profile.rim)
-        bowl = environment.add(shapes.add_bowl(environment.client, colors.rgba(color), pose, movable, profile))
-        self.names[bowl.id] = f"{color} bowl"
-        return bowl
+        bowl = shapes.add_bowl(environment.client, colors.rgba(color), pose, movable, profile)
+        return self.put(environment, bowl, f"{color} bowl")
 
     def _add_block(self, environment: Environment, free: FreeSpace, color: str) -> shapes.Body:
         pose = free.take(BLOCK_RADIUS, shapes.BLOCK_SIZE / 2)
-        block = environment.add(shapes.add_block(environment.client, colors.rgba(color), pose))
-        self.names[block.id] = f"{color} block"
-        return block
+        block = shapes.add_block(environment.client, colors.rgba(color), pose)
+        return self.put(environment, block, f"{color} block")

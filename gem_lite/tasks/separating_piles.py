@@ -11,7 +11,7 @@ from gem_lite.simulation.bodies import piles
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, ZoneMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 SCORED = (0.15, 0.15)
@@ -31,21 +31,20 @@ class SeparatingPiles(Task):
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        square, other, pile = (str(name) for name in rng.choice(palette, 3, replace=False))
+        square, other, pile = draw(rng, self.palette, 3)
         self.named_colors = (pile, square)
         w = environment.workspace
         free = FreeSpace(w, rng, environment.style, gap=0.0)
         squares = []
         for color in (square, other):
             body = piles.add_square(environment.client, colors.rgba(color), free.take(SQUARE_RADIUS))
-            squares.append(environment.add(body))
-            self.names[body.id] = f"{color} square"
+            squares.append(self.put(environment, body, f"{color} square"))
         middle = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
         offsets = rng.uniform(-SPREAD, SPREAD, (piles.CUBES, 2))
         yaws = rng.uniform(-np.pi, np.pi, piles.CUBES)
         poses = [middle @ Pose2(float(x), float(y), float(yaw)) for (x, y), yaw in zip(offsets, yaws, strict=True)]
-        cubes = [environment.add(cube) for cube in piles.add_pile(environment.client, colors.rgba(pile), poses)]
-        self.names |= {cube.id: f"pile of {pile} blocks" for cube in cubes}
+        cubes = piles.add_pile(environment.client, colors.rgba(pile), poses)
+        for cube in cubes:
+            self.put(environment, cube, f"pile of {pile} blocks")
         sentence = f"push the pile of {pile} blocks into the {square} square"
         return [Goal(sentence, tuple(cubes), (squares[0],), ZoneMetric(SCORED, w.z_max))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.looks import HOME, Look
 from gem_lite.tasks.goals import ZoneMetric
+from gem_lite.tasks.task import Task
 
 TRIES = 1000
 GAP = 0.015
@@ -103,8 +105,13 @@ class FreeSpace:
         )
 
 
+def draw(rng: np.random.Generator, names: Sequence[str], count: int) -> list[str]:
+    """``count`` different names at random."""
+    return [str(name) for name in rng.choice(names, count, replace=False)]
+
+
 def put_brown_box(
-    environment: Environment, rng: np.random.Generator, free: FreeSpace, sides: tuple[float, float]
+    task: Task, environment: Environment, rng: np.random.Generator, free: FreeSpace, sides: tuple[float, float]
 ) -> tuple[Body, ZoneMetric]:
     """Put a fixed brown box, open on top, on a free place.
 
@@ -118,8 +125,8 @@ def put_brown_box(
     heights = environment.style.box_heights
     height = heights[free.choose(len(heights))]
     pose = free.take(math.hypot(x, y) / 2)
-    box = environment.add(trays.add_container(environment.client, (x, y), colors.rgba("brown"), pose, height))
-    return box, ZoneMetric((x, y), height)
+    box = trays.add_container(environment.client, (x, y), colors.rgba("brown"), pose, height)
+    return task.put(environment, box, "brown box"), ZoneMetric((x, y), height)
 
 
 MARGIN = 0.01

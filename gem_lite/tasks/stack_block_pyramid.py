@@ -14,7 +14,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 SPACING = 0.05
@@ -47,20 +47,18 @@ class StackBlockPyramid(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        self.named_colors = tuple(str(name) for name in rng.choice(palette, len(SPOTS), replace=False))
+        self.named_colors = tuple(draw(rng, self.palette, len(SPOTS)))
         sizes = environment.style.plates
         width, thickness = sizes[free.choose(len(sizes))]
         base = free.take(math.hypot(width, 3 * SPACING) / 2)
         for (name, rgba), (y, _) in zip(PLATES.items(), SPOTS, strict=False):
             size = (width, SPACING, thickness)
             plate = shapes.add_box(environment.client, size, rgba, base @ Pose2(0, y), movable=False)
-            self.names[environment.add(plate).id] = name
+            self.put(environment, plate, name)
         blocks = []
         for color in self.named_colors:
             block = shapes.add_block(environment.client, colors.rgba(color), free.take(*BLOCK_EXTENT))
-            blocks.append(environment.add(block))
-            self.names[block.id] = f"{color} block"
+            blocks.append(self.put(environment, block, f"{color} block"))
         heights = [thickness + (layer + 0.5) * shapes.BLOCK_SIZE for _, layer in SPOTS]
         return [
             Goal(sentence, (block,), (base @ Pose2(0, y),), on_spot(height), grasp_symmetry=QUARTER)

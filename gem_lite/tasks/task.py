@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from gem_lite.actions import ExpertAction, Push
+from gem_lite.foundations import colors
 from gem_lite.se2 import Workspace
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks import goals
@@ -61,7 +63,7 @@ class Task(ABC):
 
     @abstractmethod
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> Sequence[Goal]:
-        """Put the bodies of an episode on the tables and name them in `names`.
+        """Put the bodies of an episode on the tables with `put`.
 
         Args:
             environment: has its tables, and no bodies on them.
@@ -74,6 +76,16 @@ class Task(ABC):
         Raises:
             TableFullError: there is no free place for a body that the scene needs (this never happened); see `spawn`.
         """
+
+    @property
+    def palette(self) -> tuple[str, ...]:
+        """The colours of the present split."""
+        return colors.UNSEEN if self.unseen else colors.SEEN
+
+    def put(self, environment: Environment, body: Body, name: str) -> Body:
+        """Register a body that lies on a table, and its name. Returns the body."""
+        self.names[body.id] = name
+        return environment.add(body)
 
     @property
     def instruction(self) -> str:

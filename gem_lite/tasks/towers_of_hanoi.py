@@ -13,7 +13,7 @@ from gem_lite.simulation.bodies import stands
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
-from gem_lite.tasks.spawn import FreeSpace
+from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 SMALL, MIDDLE, LARGE = range(3)
@@ -34,11 +34,9 @@ class TowersOfHanoi(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         plates = stands.add_stand(environment.client, free.take(stands.STAND_RADIUS))
-        self.names = {
-            environment.add(plate).id: name for plate, name in zip(plates, stands.PLATES, strict=True)
-        }  # fmt: skip
-        palette = colors.UNSEEN if self.unseen else colors.SEEN
-        self.named_colors = tuple(str(name) for name in rng.choice(palette, 3, replace=False))
+        for plate, name in zip(plates, stands.PLATES, strict=True):
+            self.put(environment, plate, name)
+        self.named_colors = tuple(draw(rng, self.palette, 3))
         tower = environment.pose(plates[0])[0]
         rings = {}
         for layer, size in enumerate((LARGE, MIDDLE, SMALL)):
@@ -46,15 +44,14 @@ class TowersOfHanoi(Task):
             pose = Pose2(tower.x, tower.y, rng.uniform(-math.pi, math.pi))
             height = stands.PLATE[2] + layer * STACKING
             radius = stands.RING_RADII[size]
-            rings[size] = environment.add(stands.add_ring(environment.client, radius, colors.rgba(color), pose, height))
-            self.names[rings[size].id] = f"{color} ring"
+            ring = stands.add_ring(environment.client, radius, colors.rgba(color), pose, height)
+            rings[size] = self.put(environment, ring, f"{color} ring")
         goals = []
         for size, peg in MOVES:
             grasp = Pose2((stands.RING_HOLE + stands.RING_RADII[size]) / 2, 0.0)
             place = list(stands.PLATES)[peg]
             sentence = f"move the {self.named_colors[size]} ring to the {place}"
             # The tool holds a ring off its centre, so the ring must keep its yaw.
-            goals.append(
-                Goal(sentence, (rings[size],), (plates[peg],), PoseMetric(TOLERANCE), grasp=grasp, rotations=False)
-            )
+            metric = PoseMetric(TOLERANCE)
+            goals.append(Goal(sentence, (rings[size],), (plates[peg],), metric, grasp=grasp, rotations=False))
         return goals
