@@ -106,10 +106,6 @@ def test_labels_land_where_the_block_is(scene):
     assert labels.shape == seen.shape == WORKSPACE.shape
     assert labels[block_cells(pose, inset=0.004)].min() > 0.9
     assert labels[~block_cells(pose, inset=-0.012)].max() == 0.0
-
-
-def test_one_label_per_view_is_required(scene):
-    _, views, masks = scene
     with pytest.raises(ValueError, match="zip"):
         sort_points(views, WORKSPACE).project(masks[:2])
 
@@ -138,35 +134,25 @@ def test_no_views_raise():
         ({"rgb": np.zeros((480, 640, 3), np.float32)}, "rgb of camera 'front'"),
         ({"depth": np.zeros((640, 480), np.float32)}, "depth of camera 'front'"),
         ({"depth": np.zeros((480, 640), np.float64)}, "depth of camera 'front'"),
-    ],
-)
-def test_a_wrong_picture_is_named(change, message):
-    good = View(CAMERAS[0], np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32))
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(good, **change)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
         ({"rgb": np.zeros((80, 160, 3), np.uint8)}, "^rgb must be"),
         ({"rgb": np.zeros((160, 80, 3), np.float32)}, "^rgb must be"),
         ({"height": np.zeros((160, 81), np.float32)}, "^height must be"),
         ({"height": np.zeros((160, 80), np.float64)}, "^height must be"),
     ],
 )
-def test_a_wrong_height_map_is_named(fused, change, message):
+def test_a_wrong_picture_or_height_map_is_named(fused, change, message):
+    good = View(CAMERAS[0], np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32))
     with pytest.raises(ValueError, match=message):
-        dataclasses.replace(fused, **change)
+        dataclasses.replace(good if "camera" in message else fused, **change)
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=[camera.name for camera in CAMERAS])
 def test_points_and_pictures_share_one_camera(camera):
-    """A block's top centre from one camera alone, over 50 poses: at most 0.2 mm off on the mean, on each axis."""
+    """A block's top centre from one camera alone, over 30 poses: at most 0.2 mm off on the mean, on each axis."""
     rng = np.random.default_rng(0)
     errors = []
     with World() as world:
-        for _ in range(50):
+        for _ in range(30):
             world.clear()
             pose = Pose2(rng.uniform(0.3, 0.7), rng.uniform(-0.45, 0.45), rng.uniform(-np.pi, np.pi))
             shapes.add_block(world.client, (1, 0, 0, 1), pose)

@@ -4,21 +4,19 @@ import dataclasses
 import json
 import math
 import shutil
-import struct
-import zlib
 
 import cv2
 import numpy as np
 import pytest
+from damages import png_that_claims
 
 from gem_lite import clip
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.cli import main
-from gem_lite.demonstrations import Demonstration
+from gem_lite.demonstrations import Demonstration, DemonstrationStep, quantized
 from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation, read_raw
-from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2
 
 SENTENCE = "put the red block in the blue bowl"
@@ -60,32 +58,24 @@ def test_a_picture_outside_the_folder_is_refused(folder, key):
     shutil.copy(folder / name, folder / "below" / "picture.png")
     for outside in ("../secret.png", str(folder.parent / "secret.png"), "below/../../secret.png", ".."):
         change(folder, **{key: outside})
-        with pytest.raises(ValueError, match=rf"camera 0: {key} must be a picture in the folder, got ") as caught:
+        with pytest.raises(ValueError, match=rf"cameras 0 {key} must be a picture in the folder, got ") as caught:
             Observation.load(folder)
         assert outside in str(caught.value)
     change(folder, **{key: "below/picture.png"})
     assert len(Observation.load(folder).views) == 1
 
 
-def claiming(width, height, depth=16, colour=0):
-    """A small PNG whose header says ``width`` x ``height``."""
-
-    def chunk(name, content):
-        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
-
-
 @pytest.mark.parametrize("size", [(60000, 60000), (30000, 30000), (2**31 - 1, 2**31 - 1), (2**26 + 1, 1)])
 @pytest.mark.parametrize("key", ["color", "depth"])
 def test_a_picture_that_claims_to_be_huge_is_refused(folder, key, size):
-    (folder / f"front.{key}.png").write_bytes(claiming(*size))
+    (folder / f"front.{key}.png").write_bytes(png_that_claims(*size))
     with pytest.raises(ValueError, match=rf"front\.{key}\.png must have at most 67108864 pixels, got {size[0]} x"):
         Observation.load(folder)
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"IEND", claiming(0, 0), claiming(10, 8)[:-20]])
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89PNG\r\n\x1a\n", b"IEND", png_that_claims(0, 0), png_that_claims(10, 8)[:-20]]
+)
 def test_what_is_no_picture_is_refused(folder, content):
     (folder / "front.depth.png").write_bytes(content)
     with pytest.raises(ValueError, match=r"front\.depth\.png is cut off or no PNG"):
@@ -117,18 +107,41 @@ def test_a_scale_that_could_not_be_loaded_is_not_saved(tmp_path, scale):
     assert not (tmp_path / "new").exists()
 
 
-def test_nothing_measured_can_be_saved(tmp_path):
-    scene(0.0).save(tmp_path)
-    assert (Observation.load(tmp_path).views[0].depth == 0).all()
-    scene(float("nan")).save(tmp_path)
-    assert (Observation.load(tmp_path).views[0].depth == 0).all()
+@pytest.mark.parametrize("value", [0.0, 7.0, 6.5537, 1e30, -0.1, -7.0, math.nan, math.inf, -math.inf])
+def test_depth_that_no_picture_can_hold_was_not_measured(tmp_path, value):
+    (view,) = scene().views
+    view.depth[:5] = value
+    view.depth[5] = 6.5535
+    view.depth[6] = 0.71234
+    given = Observation((view,))
+    given.save(tmp_path)
+    for found in (Observation.load(tmp_path), quantized(given)):
+        depth = found.views[0].depth
+        assert (depth[:5] == 0).all() and depth[5:8, 0] == pytest.approx([6.5535, 0.7123, 1.0])
 
 
-def test_far_depth_can_be_saved_in_larger_steps(tmp_path):
-    scene(60.0).save(tmp_path, 0.001)
-    assert Observation.load(tmp_path).views[0].depth == pytest.approx(60.0)
-    with pytest.raises(ValueError, match=r"'front' sees nothing nearer than 60\.00 m, but 16 bits reach 6\.55 m"):
-        scene(60.0).save(tmp_path)
+def test_what_is_not_measured_anywhere_can_be_saved(tmp_path):
+    for nothing in (0.0, math.nan):
+        scene(nothing).save(tmp_path)
+        assert (Observation.load(tmp_path).views[0].depth == 0).all()
+
+
+def test_far_depth_can_be_saved_in_larger_steps_alone(tmp_path):
+    scene(60.0).save(tmp_path / "scene", 0.001)
+    assert Observation.load(tmp_path / "scene").views[0].depth == pytest.approx(60.0)
+    for refused in (lambda: scene(60.0).save(tmp_path / "new"), lambda: quantized(scene(60.0))):
+        with pytest.raises(ValueError, match=r"'front' sees nothing nearer than 60\.00 m, but 16 bits reach 6\.55 m"):
+            refused()
+    assert not (tmp_path / "new").exists()
+
+
+def test_pictures_are_kept_as_they_always_were(folder):
+    """The bytes decide the names of episodes, and what checkpoints say of their data."""
+    (view,) = scene().views
+    pictures = {"depth": np.round(view.depth / 1e-4).astype(np.uint16), "color": view.rgb[..., ::-1]}
+    for name, picture in pictures.items():
+        expected = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+        assert (folder / f"front.{name}.png").read_bytes() == expected
 
 
 # Poses
@@ -152,13 +165,13 @@ def test_a_reflected_camera_is_no_observation_but_its_mistake_is_found(tmp_path,
 
 def step(**changes):
     action = PickPlace(Pose2(0.4, 0.0, 0.1), Pose2(0.6, 0.1, 0.2))
-    return Recording(scene(), SENTENCE, dataclasses.replace(ExpertAction(action), **changes))
+    return DemonstrationStep(scene(), SENTENCE, dataclasses.replace(ExpertAction(action), **changes))
 
 
 @pytest.mark.parametrize("copies", [1, 2, 3, 4, 7, 360])
 def test_a_symmetry_by_a_whole_number_of_copies_is_kept(tmp_path, copies):
     step(pick_symmetry=2 * math.pi / copies).save(tmp_path)
-    assert Recording.load(tmp_path).expert.pick_symmetry == 2 * math.pi / copies
+    assert DemonstrationStep.load(tmp_path).expert.pick_symmetry == 2 * math.pi / copies
     step(place_symmetry=round(2 * math.pi / copies, 8)).save(tmp_path)
 
 
@@ -176,7 +189,7 @@ def test_a_hostile_number_in_an_action_is_refused(tmp_path, symmetry):
     path = tmp_path / "action.json"
     path.write_text(path.read_text().replace('"pick_symmetry": 0.0', f'"pick_symmetry": {symmetry}'))
     with pytest.raises(ValueError, match=r"action\.json") as caught:
-        Recording.load(tmp_path)
+        DemonstrationStep.load(tmp_path)
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 

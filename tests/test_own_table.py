@@ -41,10 +41,11 @@ def copied(tmp_path):
     return shutil.copytree(FOREIGN / "workbench", tmp_path / "scene")
 
 
-def with_entry(folder, **changes):
-    """Change the first camera's entry in cameras.json."""
+def change_cameras(folder, change):
+    """Change every camera's entry in cameras.json, in place."""
     content = json.loads((folder / "cameras.json").read_text())
-    content["cameras"][0] |= changes
+    for entry in content["cameras"]:
+        change(entry)
     (folder / "cameras.json").write_text(json.dumps(content))
 
 
@@ -56,34 +57,24 @@ def test_a_saved_observation_is_loaded_again(tmp_path):
     assert [view.rgb.shape for view in before.views] == [(480, 640, 3), (360, 640, 3), (480, 640, 3)]
     before.save(tmp_path / "scene", depth_scale=2e-4)
     after = Observation.load(tmp_path / "scene")
-    for old, new in zip(before.views, after.views, strict=True):
-        assert new.camera == old.camera
-        assert np.array_equal(new.rgb, old.rgb)
+    columns = zip(*((v.rgb, v.depth, v.camera.matrix, np.array(v.camera.pose)) for v in before.views), strict=True)
+    made = Observation.from_arrays(*columns, [view.camera.name for view in before.views])
+    for old, new, array in zip(before.views, after.views, made.views, strict=True):
+        assert new.camera == array.camera == old.camera
+        assert np.array_equal(new.rgb, old.rgb) and np.array_equal(array.depth, old.depth)
         assert np.abs(new.depth - old.depth).max() < 1e-4
 
 
-def test_arrays_make_the_same_observation_as_a_folder():
-    loaded = Observation.load(FOREIGN / "desk")
-    columns = zip(*((v.rgb, v.depth, v.camera.matrix, np.array(v.camera.pose)) for v in loaded.views), strict=True)
-    made = Observation.from_arrays(*columns, [view.camera.name for view in loaded.views])
-    for old, new in zip(loaded.views, made.views, strict=True):
-        assert new.camera == old.camera and np.array_equal(new.depth, old.depth)
-
-
-def test_pixels_without_a_depth_are_no_points():
-    view = Observation.load(FOREIGN / "desk").views[0]
-    rgb, pose = view.rgb, np.array(view.camera.pose)
-    holes = np.where(np.indices(view.depth.shape)[1] < 320, np.nan, view.depth)
-    (half,) = Observation.from_arrays([rgb], [holes], [view.camera.matrix], [pose]).views
-    whole, found = fuse_views([view], Workspace()), fuse_views([half], Workspace())
-    assert whole.seen.mean() > 0.9 and 0.3 < found.seen.mean() < 0.6
-    assert np.allclose(found.height[found.seen], whole.height[found.seen], atol=0.05)
-
-
-def test_a_single_view_is_enough():
+def test_a_single_view_is_enough_and_pixels_without_a_depth_are_no_points():
     views = Observation.load(FOREIGN / "desk").views
-    for view in views:
-        assert fuse_views([view], Workspace()).seen.mean() > 0.5
+    maps = [fuse_views([view], Workspace()) for view in views]
+    assert all(one.seen.mean() > 0.5 for one in maps) and maps[0].seen.mean() > 0.9
+    view = views[0]
+    holes = np.where(np.indices(view.depth.shape)[1] < 320, np.nan, view.depth)
+    (half,) = Observation.from_arrays([view.rgb], [holes], [view.camera.matrix], [view.camera.pose]).views
+    found = fuse_views([half], Workspace())
+    assert 0.3 < found.seen.mean() < 0.6
+    assert np.allclose(found.height[found.seen], maps[0].height[found.seen], atol=0.05)
 
 
 def damaged_png(folder):
@@ -95,44 +86,40 @@ def gray_color(folder):
     cv2.imwrite(str(folder / "left.color.png"), np.zeros((360, 640), np.uint8))
 
 
-DAMAGES = {
-    "is missing, though cameras.json names it as depth": lambda folder: (folder / "right.depth.png").unlink(),
-    "left.color.png is cut off or no PNG": damaged_png,
-    "must be 8-bit with 3 channels, got 8-bit with 1": gray_color,
-    "depth_scale must be the metres of one step": lambda folder: with_entry(folder, depth_scale=1.0),
-    "no camera sees a point inside the workspace": lambda folder: with_entries_moved(folder, 5.0),
-    "lacks pose": lambda folder: without_key(folder, "pose"),
-    "must be 4 rows of 4 numbers": lambda folder: with_entry(folder, pose=[[1, 0, 0, 0]]),
-    "must be a rotation and a position": lambda folder: with_entry(folder, pose=np.diag([2, 1, 1, 1]).tolist()),
-    "must have positive focal lengths": lambda folder: with_entry(folder, intrinsics=np.zeros((3, 3)).tolist()),
-    "holds no scene: there is no cameras.json": lambda folder: (folder / "cameras.json").unlink(),
-    "must have version 1, got 2": lambda folder: (folder / "cameras.json").write_text('{"version": 2}'),
-    "colour is 640 x 480 and depth 320 x 240": lambda folder: small_depth(folder),
-}
-"""By what the message says: what happens to a folder."""
-
-
-def with_entries_moved(folder, metres):
-    content = json.loads((folder / "cameras.json").read_text())
-    for entry in content["cameras"]:
-        entry["pose"][0][3] += metres
-    (folder / "cameras.json").write_text(json.dumps(content))
-
-
-def without_key(folder, key):
-    content = json.loads((folder / "cameras.json").read_text())
-    del content["cameras"][0][key]
-    (folder / "cameras.json").write_text(json.dumps(content))
-
-
 def small_depth(folder):
     depth = cv2.imread(str(folder / "overhead.depth.png"), cv2.IMREAD_UNCHANGED)
     cv2.imwrite(str(folder / "overhead.depth.png"), depth[::2, ::2])
 
 
-@pytest.mark.parametrize("message", DAMAGES)
+def far_away(entry):
+    entry["pose"][0][3] += 5.0
+
+
+FILES = {
+    "right.depth.png is missing, though cameras.json names it": lambda folder: (folder / "right.depth.png").unlink(),
+    "left.color.png is cut off or no PNG": damaged_png,
+    "must be 8-bit with 3 channels, got 8-bit with 1": gray_color,
+    "holds no scene: there is no cameras.json": lambda folder: (folder / "cameras.json").unlink(),
+    "version must be 1, got 2": lambda folder: (folder / "cameras.json").write_text('{"version": 2}'),
+    "colour is 640 x 480 and depth 320 x 240": small_depth,
+}
+ENTRIES = {
+    "depth_scale must be less than or equal to 0.01, got 1.0": lambda entry: entry.update(depth_scale=1.0),
+    "no camera sees a point inside the workspace": far_away,
+    "cameras 0 lacks pose": lambda entry: entry.pop("pose"),
+    "cameras 0 pose must be a (4, 4) pose": lambda entry: entry.update(pose=[[1, 0, 0, 0]]),
+    "a rotation, a position and the last row": lambda entry: entry.update(pose=np.diag([2, 1, 1, 1]).tolist()),
+    "must be (3, 3) finite numbers with positive": lambda entry: entry.update(intrinsics=np.zeros((3, 3)).tolist()),
+}
+"""By what the message says: what happens to a folder, and to the entries of its cameras."""
+
+
+@pytest.mark.parametrize("message", [*FILES, *ENTRIES])
 def test_a_damaged_folder_ends_in_one_sentence(message, copied, capsys, tmp_path):
-    DAMAGES[message](copied)
+    if message in FILES:
+        FILES[message](copied)
+    else:
+        change_cameras(copied, ENTRIES[message])
     assert main(["look", str(copied), "red block", "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr()
     assert message in printed.err and printed.err.count("\n") == 1 and printed.out == ""
@@ -146,13 +133,14 @@ def test_views_that_cannot_be_saved_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"16 bits reach 0\.66 m"):
         Observation(views).save(tmp_path / "far", depth_scale=1e-5)
     assert not list(tmp_path.iterdir())
+
+
+def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="must be equally many"):
         Observation.from_arrays([], [], [], [])
-    view = views[0]
+    arrays = [np.zeros((8, 8, 3), np.uint8)], [np.ones((8, 8), np.uint16)], [np.diag([9.0, 9, 1])], [np.eye(4)]
     with pytest.raises(ValueError, match="must be metres as floating point numbers, got uint16"):
-        Observation.from_arrays(
-            [view.rgb], [(1000 * view.depth).astype(np.uint16)], [view.camera.matrix], [view.camera.pose]
-        )
+        Observation.from_arrays(*arrays)
 
 
 # What is wrong with the cameras?
@@ -290,15 +278,11 @@ def test_what_the_check_does_not_find():
     assert camera_check.check(everywhere, Workspace()) == [], "all cameras 5 cm sideways"
 
 
-def test_a_camera_without_any_depth_is_named():
+def test_what_no_mistake_explains_is_named():
     blind = replace(SHELF[1], depth=np.zeros_like(SHELF[1].depth))
     (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], Workspace())
     assert (finding.mistake, finding.cameras) == ("no depth", ("left",))
-
-
-def test_a_table_at_another_height_is_not_explained_by_a_mistake():
-    views = [shifted(0, 0, 0.15)(view) for view in SHELF]
-    (finding,) = camera_check.check(views, Workspace())
+    (finding,) = camera_check.check([shifted(0, 0, 0.15)(view) for view in SHELF], Workspace())
     assert finding.mistake == "table not found" and "is the table at z = 0" in finding.sentence
 
 
@@ -347,10 +331,7 @@ def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path):
         cv2.imwrite(str(path), cv2.imread(str(path))[..., ::-1])
     assert main(arguments) == 2
     assert "the pictures are BGR" in capsys.readouterr().err
-    content = json.loads((copied / "cameras.json").read_text())
-    for entry in content["cameras"]:
-        entry["pose"] = np.linalg.inv(np.array(entry["pose"])).tolist()
-    (copied / "cameras.json").write_text(json.dumps(content))
+    change_cameras(copied, lambda entry: entry.update(pose=np.linalg.inv(np.array(entry["pose"])).tolist()))
     assert main(arguments) == 2
     assert "overhead, left, right: the pose is inverted" in capsys.readouterr().err
 
@@ -367,24 +348,24 @@ def test_another_rectangle_of_the_table_is_looked_at(capsys, tmp_path):
 
 
 def test_look_writes_maps_places_and_an_action(capsys, tmp_path):
-    out = ["--out", str(tmp_path)]
-    assert main(["look", str(FOREIGN / "workbench"), "put the red block in the blue bowl", *out]) == 0
-    found = json.loads((tmp_path / "look.json").read_text())
+    def look(scene, text, *words, code=0):
+        assert main(["look", str(FOREIGN / scene), text, "--out", str(tmp_path), *words]) == code
+        return json.loads((tmp_path / "look.json").read_text())
+
+    found = look("workbench", "put the red block in the blue bowl")
     assert list(found["places"]) == ["red block", "blue bowl"]
+    assert found["refusals"] == {"red block": None, "blue bowl": None}
     x, y = things("workbench")["red block"]
     assert math.hypot(found["action"]["pick"]["x"] - x, found["action"]["pick"]["y"] - y) < 0.02
     scores = [place["score"] for place in found["places"]["red block"]]
     assert scores == sorted(scores, reverse=True) and len(scores) == 5
     for name in ("look", "maps", "table"):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
-    assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out]) == 0
-    assert json.loads((tmp_path / "look.json").read_text())["action"] is None
-    assert found["refusals"] == {"red block": None, "blue bowl": None}
-    assert main(["look", str(FOREIGN / "kitchen"), "banana", *out]) == 0
-    reason = json.loads((tmp_path / "look.json").read_text())["refusals"]["banana"]
+    found = look("kitchen", "the mug on the left")
+    assert found["action"] is None and list(found["places"]) == ["left mug"], "read as in a sentence"
+    reason = look("kitchen", "banana")["refusals"]["banana"]
     assert reason.startswith('there is no "banana"') and reason in capsys.readouterr().out
-    cliport = ["--policy", str(tmp_path / "none.safetensors")]
-    assert main(["look", str(FOREIGN / "kitchen"), "red mug", *out, *cliport]) == 2
+    look("kitchen", "red mug", "--policy", str(tmp_path / "none.safetensors"), code=2)
     assert "none.safetensors" in capsys.readouterr().err
 
 
@@ -402,8 +383,3 @@ def test_look_says_why_a_text_is_neither_sentence_nor_thing(text, reason, capsys
     error = capsys.readouterr().err
     assert error.startswith("text must be a sentence or name a thing: ") and reason in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_look_reads_a_thing_as_in_a_sentence(tmp_path):
-    assert main(["look", str(FOREIGN / "kitchen"), "the mug on the left", "--out", str(tmp_path)]) == 0
-    assert list(json.loads((tmp_path / "look.json").read_text())["places"]) == ["left mug"]

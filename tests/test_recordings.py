@@ -3,39 +3,48 @@
 import dataclasses
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from gem_lite import clip, demonstrations
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.config import Config
-from gem_lite.demonstrations import OWN_WORLD, Demonstration
+from gem_lite.demonstrations import OWN_WORLD, Demonstration, DemonstrationStep
 from gem_lite.maps.crop_memory import step_events
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.rgbd.observation import Observation
-from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.training import recorded_steps
+from gem_lite.training import folders
 
 SCENE = clip.DATA / "foreign-scenes" / "workbench"
 SENTENCE = "put the red block in the blue bowl"
 ACTION = PickPlace(Pose2(0.40, 0.25, math.radians(20)), Pose2(0.62, 0.36, math.radians(110)))
 
 
-@pytest.fixture
-def own(tmp_path):
-    """Two episodes: the first of one step, the second of two."""
-    observation = Observation.load(SCENE)
-    folder = tmp_path / "bench"
-    for name in ("episode-2/step-1", "episode-10/step-2", "episode-10/step-10"):
-        Recording(observation, SENTENCE, ExpertAction(ACTION, math.pi / 2)).save(folder / name, 2e-4)
+@pytest.fixture(scope="module")
+def observation():
+    return Observation.load(SCENE)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, observation):
+    folder = tmp_path_factory.mktemp("recorded")
+    DemonstrationStep(observation, SENTENCE, ExpertAction(ACTION, math.pi / 2)).save(folder, 2e-4)
     return folder
+
+
+@pytest.fixture
+def own(tmp_path, recorded):
+    """Two episodes, free to be damaged: the first of one step, the second of two."""
+    for name in ("episode-2/step-1", "episode-10/step-2", "episode-10/step-10"):
+        shutil.copytree(recorded, tmp_path / "bench" / name)
+    return tmp_path / "bench"
 
 
 def change(folder, **entries):
@@ -45,46 +54,49 @@ def change(folder, **entries):
     path.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
 
 
-def test_a_recording_is_loaded_as_it_was_saved(own):
-    loaded = Recording.load(own / "episode-2" / "step-1")
-    assert loaded.sentence == SENTENCE and loaded.expert == ExpertAction(ACTION, math.pi / 2, 0)
-    assert [view.camera.name for view in loaded.observation.views] == ["overhead", "left", "right"]
+def test_recorded_episodes_are_a_set_in_the_order_of_their_numbers(own):
+    other = "put the green block in the yellow bowl"
+    change(own / "episode-10" / "step-10", sentence=other)
+    (first, second) = demonstrations.load(own)
+    assert [step.instruction for step in (*first.steps, *second.steps)] == [SENTENCE, SENTENCE, other]
+    for episode in (first, second):
+        assert (episode.task, episode.split, episode.world) == ("bench", "train", OWN_WORLD)
+        assert sum(step.reward for step in episode.steps) == 1
+    assert first.steps[0].expert == ExpertAction(ACTION, math.pi / 2, 0)
+    assert [view.camera.name for view in first.steps[0].observation.views] == ["overhead", "left", "right"]
+    assert step_events(first.steps[0]) == [("pick", ACTION.pick), ("place", ACTION.place)]
+    assert demonstrations.load(own)[:1].digest != demonstrations.load(own).digest
 
 
-def test_an_episode_has_its_steps_in_the_order_of_their_numbers(own):
-    change(own / "episode-10" / "step-10", sentence="put the green block in the yellow bowl")
-    episode = Demonstration.load(own / "episode-10")
-    assert (episode.task, episode.world, len(episode.steps)) == ("bench", OWN_WORLD, 2)
-    assert [step.instruction for step in episode.steps] == [SENTENCE, "put the green block in the yellow bowl"]
-    assert sum(step.reward for step in episode.steps) == 1
-    assert step_events(episode.steps[0]) == [("pick", ACTION.pick), ("place", ACTION.place)]
+def test_a_file_with_the_needed_entries_alone_is_enough(own):
+    step = own / "episode-2" / "step-1"
+    change(step, kind=None, pick_table=None, place_table=None, place_symmetry=None, reward=None, trace=None)
+    assert DemonstrationStep.load(step).expert == ExpertAction(ACTION, math.pi / 2)
 
 
-def test_a_set_of_recorded_episodes_is_the_same_after_packing(own, tmp_path):
-    assert recorded_steps.is_recorded(own) and not recorded_steps.is_recorded(SCENE.parent)
-    packed = recorded_steps.pack(own, tmp_path / "packed", Workspace())
-    assert not recorded_steps.is_recorded(tmp_path / "packed")
-    assert [len(episode.steps) for episode in packed] == [1, 2], "episode-2 comes before episode-10"
-    fresh = list(recorded_steps.read(own, Workspace()))
-    for one, other in zip(fresh, packed, strict=True):
-        assert (one.task, one.seed, one.world) == (other.task, other.seed, other.world)
-        for a, b in zip(one.steps, other.steps, strict=True):
-            assert a.expert == b.expert and a.instruction == b.instruction
-            assert np.array_equal(a.observation.views[0].depth, b.observation.views[0].depth)
+def test_a_push_can_be_recorded(own):
+    pose = {"x": 0.4, "y": 0.2, "yaw": 0.0}
+    change(own / "episode-2" / "step-1", kind="push", start=pose, end=pose | {"x": 0.5}, pick=None, place=None)
+    step = Demonstration.load(own / "episode-2").steps[0]
+    assert step.expert.action == Push(Pose2(0.4, 0.2), Pose2(0.5, 0.2))
 
 
 DAMAGES = {
-    "lacks place": lambda step: change(step, place=None),
-    "must have version 1, got 3": lambda step: change(step, version=3),
-    "pick must have x, y (metres) and yaw (radians)": lambda step: change(step, pick={"x": 0.4, "y": 0.2}),
-    "a finite number is needed, got '0.4'": lambda step: change(step, pick={"x": "0.4", "y": 0.2, "yaw": 0}),
+    "it lacks place": lambda step: change(step, place=None),
+    "it lacks end": lambda step: change(step, kind="push", start={"x": 0.4, "y": 0.2, "yaw": 0.0}),
+    "kind must be 'pick-place' or 'push', got 'throw'": lambda step: change(step, kind="throw"),
+    "version must be 1, got 3": lambda step: change(step, version=3),
+    "pick lacks yaw": lambda step: change(step, pick={"x": 0.4, "y": 0.2}),
+    "pick x must be a valid number, got '0.4'": lambda step: change(step, pick={"x": "0.4", "y": 0.2, "yaw": 0}),
     "pick_symmetry must be the smallest turn in radians": lambda step: change(step, pick_symmetry=90),
-    "a text is needed, got ''": lambda step: change(step, sentence=""),
+    "sentence must have at least 1 character, got ''": lambda step: change(step, sentence=""),
+    "trace 0 3 must be a valid boolean, got 7": lambda step: change(step, trace=[[0.1, 0.2, 0.0, 7]]),
     "the pick at (1.400, 0.250) m lies outside the table": lambda step: change(
         step, pick={"x": 1.4, "y": 0.25, "yaw": 0}
     ),
     "does not begin with a known verb": lambda step: change(step, sentence="red block to blue bowl"),
-    "is cut off or no JSON": lambda step: (step / "action.json").write_text("{"),
+    "action.json is cut off or no JSON": lambda step: (step / "action.json").write_text("{"),
+    "holds no recorded step: there is no action.json": lambda step: (step / "action.json").unlink(),
     "left.color.png is missing": lambda step: (step / "left.color.png").unlink(),
     "is cut off or no PNG": lambda step: (step / "left.depth.png").write_bytes(b"\x89PNG"),
 }
@@ -92,24 +104,32 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("message", DAMAGES)
-def test_a_wrong_step_ends_the_training_in_one_sentence(message, own, capsys, tmp_path):
+def test_a_wrong_step_is_refused_in_one_sentence(message, own):
     DAMAGES[message](own / "episode-10" / "step-2")
+    with pytest.raises((ValueError, FileNotFoundError), match=re.escape(message)) as caught:
+        folders.check_recorded(demonstrations.load(own), GemConfig.preset("lite"))
+    said = str(caught.value)
+    assert "step" in said and "episode-10" in said and "\n" not in said
+
+
+def test_a_wrong_step_ends_the_training(own, capsys, tmp_path):
+    change(own / "episode-10" / "step-2", sentence="red block to blue bowl")
     assert main(["train", str(own), str(tmp_path / "mine.safetensors"), "--state", str(tmp_path / "state")]) == 2
     printed = capsys.readouterr().err.strip().splitlines()[-1]
-    assert message in printed and "step" in printed and "episode-10" in printed
+    assert "episode-10, step 0: " in printed and "does not begin with a known verb" in printed
     assert not (tmp_path / "mine.safetensors").exists()
 
 
-def test_folders_that_hold_no_episode_are_refused(tmp_path):
+def test_folders_that_hold_no_episode_are_refused(tmp_path, observation):
     with pytest.raises(FileNotFoundError, match="is no folder"):
         Demonstration.load(tmp_path / "none")
     (tmp_path / "empty" / "episode").mkdir(parents=True)
     with pytest.raises(FileNotFoundError, match="holds no recorded episode"):
         Demonstration.load(tmp_path / "empty" / "episode")
-    with pytest.raises(FileNotFoundError, match="holds no recorded step"):
-        Recording.load(SCENE)
-    with pytest.raises(ValueError, match="must be a pick and place"):
-        Recording(Observation.load(SCENE), SENTENCE, ExpertAction(Push(Pose2(0.4, 0), Pose2(0.5, 0))))
+    with pytest.raises(FileNotFoundError, match="holds no demonstrations"):
+        demonstrations.load(SCENE.parent)
+    with pytest.raises(ValueError, match="the sentence is empty"):
+        DemonstrationStep(observation, " ", ExpertAction(ACTION))
 
 
 def test_a_rectangle_is_padded_to_what_networks_need():
@@ -157,9 +177,8 @@ sys.exit(main({words!r}) or main(["look", {str(SCENE)!r}, {SENTENCE!r}, "--polic
     assert done.returncode == 0, done.stderr
     assert "2 demonstrations" in done.stdout and "no mistake found" in done.stdout
     assert json.loads((tmp_path / "look" / "look.json").read_text())["action"] is not None
-    assert not (tmp_path / "state" / "recorded").exists(), "what was packed for the training is taken away"
     card = checkpoints.read_card(tmp_path / "mine.safetensors")
     assert (card["task"], card["demonstrations_world"]) == ("bench", OWN_WORLD)
+    assert card["data_sha256"] == demonstrations.load(own).digest
     policy = checkpoints.load_policy(tmp_path / "mine.safetensors", clip.load())
     assert policy.config.workspace.shape == (144, 96) and len(policy.memory.entries) == 4
-    assert demonstrations.load(clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10")[0].world != OWN_WORLD

@@ -109,7 +109,6 @@ def test_cliports_dictionaries_say_the_same():
         np.diag([2.0, 1, 1, 1]),
         np.diag([1.0, 1, -1, 1]),
         np.diag([-1.0, -1, -1, 1]),
-        np.full((4, 4), np.nan),
         np.where(np.eye(4, dtype=bool), 1.0, np.nan),
         np.array([[1, 0, 0, np.inf], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [5, 5, 5, 9]]),
@@ -118,18 +117,15 @@ def test_cliports_dictionaries_say_the_same():
         "no pose",
         [[10**400] * 4] * 4,
     ],
-    ids=["scale", "mirror", "point", "nan", "nan beside", "inf", "last row", "size", "ragged", "text", "huge"],
+    ids=["scale", "mirror", "point", "nan", "inf", "last row", "size", "ragged", "text", "huge"],
 )
-def test_what_is_no_pose_of_the_base_is_refused(wrong):
+def test_what_is_no_pose_is_refused(wrong):
     choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
-    with pytest.raises(
-        ValueError, match=r"base_from_table must be a \(4, 4\) pose: a rotation \(no reflection\)"
-    ) as caught:
+    with pytest.raises(ValueError, match=r"base_from_table must be a \(4, 4\) pose: a rotation \(no refl") as caught:
         robot_plan.plan(choice, wrong)
     assert "\n" not in str(caught.value)
-    rows = wrong if isinstance(wrong, list | str) else wrong.tolist()
     with pytest.raises(ValueError, match="pose of camera 'front' must be a"):
-        Camera("front", ((450, 0, 4), (0, 450, 4), (0, 0, 1)), rows, (8, 8))
+        Camera("front", np.diag([450.0, 450, 1]), wrong, (8, 8))
 
 
 @pytest.mark.parametrize("wrong", [np.diag([1.0, 1, -1]), np.zeros((3, 3)), np.full((3, 3), np.nan), np.eye(4)])
@@ -139,14 +135,10 @@ def test_what_is_no_rotation_of_the_tool_is_refused(wrong):
         robot_plan.plan(choice, tool=wrong)
 
 
-@pytest.mark.parametrize(
-    "intrinsics",
-    [((0, 0, 4), (0, 450, 4), (0, 0, 1)), ((450, 0, 4), (0, -450, 4), (0, 0, 1)), ((450, 0, 4), (0, 450, 4), (0, 0, 2)),
-     ((450, 0, float("nan")), (0, 450, 4), (0, 0, 1)), ((450, 0), (0, 450))],
-)  # fmt: skip
-def test_intrinsics_of_no_camera_are_refused(intrinsics):
+@pytest.mark.parametrize("wrong", [(0, 450, 1), (450, -450, 1), (450, 450, 2), (450, np.nan, 1), (450, 450)])
+def test_intrinsics_of_no_camera_are_refused(wrong):
     with pytest.raises(ValueError, match="intrinsics of camera 'front' must be"):
-        Camera("front", intrinsics, tuple(map(tuple, np.eye(4).tolist())), (8, 8))
+        Camera("front", np.diag(wrong), np.eye(4), (8, 8))
 
 
 CLIPORTS_CAMERA = {"intrinsics": (450.0, 0, 4, 0, 450.0, 4, 0, 0, 1), "position": (0, 0, 1), "rotation": (1.0, 0, 0, 0)}

@@ -2,15 +2,14 @@
 
 import dataclasses
 import math
-import time
 
 import numpy as np
 import pytest
+import sensor_errors
+from sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
 
 from gem_lite.rgbd.camera import Camera, View, camera_looking_at
 from gem_lite.rgbd.observation import Observation
-from notebooks import sensor_errors
-from notebooks.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
 
 SIZE = (480, 640)
 CAMERA = Camera.pinhole("wall", (0, 0, 0), (0, 0, 0, 1), SIZE)
@@ -151,21 +150,17 @@ def test_a_kind_changes_its_own_part_only(kind):
     assert np.array_equal(after.depth, before.depth) == (kind in ("rotation", "position", "color"))
 
 
-def test_the_same_seeds_give_the_same_pictures():
+def test_the_same_seeds_give_the_same_pictures_and_an_episode_keeps_its_unit():
     seen = observed(np.where(np.indices(SIZE)[1] < 320, 0.7, 1.0))
     first, second, other = (corrupted(seen, HARD, seed).views[0] for seed in (3, 3, 4))
     assert first.camera == second.camera != other.camera
     assert np.array_equal(first.depth, second.depth) and np.array_equal(first.rgb, second.rgb)
     assert not np.array_equal(first.depth, other.depth) and not np.array_equal(first.rgb, other.rgb)
-
-
-def test_an_episode_keeps_its_unit_and_changes_its_noise():
-    seen = observed(1.0)
     units = draw_units(seen, NOMINAL, np.random.default_rng(0))
     rng = np.random.default_rng(1)
-    (first,), (second,) = corrupt(seen, units, rng).views, corrupt(seen, units, rng).views
-    assert first.camera == second.camera == units[0].camera
-    assert not np.array_equal(first.depth, second.depth)
+    (before,), (after,) = corrupt(seen, units, rng).views, corrupt(seen, units, rng).views
+    assert before.camera == after.camera == units[0].camera
+    assert not np.array_equal(before.depth, after.depth), "the noise is new in each frame"
 
 
 def test_larger_errors_are_multiples_with_the_same_seed():
@@ -244,17 +239,6 @@ def test_poses_err_as_much_as_they_say():
 def test_kinds_cover_every_error_once():
     names = [name for names in KINDS.values() for name in names]
     assert sorted(names) == sorted({field.name for field in dataclasses.fields(SensorErrors)} - {"baseline"})
-
-
-def test_a_view_takes_little_time():
-    seen = observed(np.where(np.indices(SIZE)[1] < 320, 0.7, 1.0))
-    units = draw_units(seen, HARD, np.random.default_rng(0))
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        corrupt(seen, units, np.random.default_rng(1))
-        times.append(time.process_time() - start)
-    assert min(times) < 1.0  # usually 0.1
 
 
 @pytest.mark.parametrize(

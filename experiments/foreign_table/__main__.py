@@ -26,6 +26,7 @@ from tqdm import tqdm
 from experiments.foreign_table import make_scenes
 from gem_lite import clip, tasks
 from gem_lite.actions import ExpertAction, PickPlace
+from gem_lite.demonstrations import DemonstrationStep
 from gem_lite.evaluation import results
 from gem_lite.evaluation.results import Episode
 from gem_lite.maps import refusal
@@ -33,7 +34,6 @@ from gem_lite.policies import robot_plan
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd.observation import Observation
-from gem_lite.rgbd.recordings import Recording
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
 
@@ -81,7 +81,8 @@ def record(folder: Path, episodes: int) -> None:
             # A cube looks the same after a quarter turn. In a round bowl, every yaw is right.
             expert = ExpertAction(PickPlace(Pose2(*pick), Pose2(*place)), math.pi / 2)
             found += 1
-            Recording(observation, world.sentence, expert).save(folder / f"episode-{found}" / "step-1", DEPTH_SCALE)
+            step = DemonstrationStep(observation, world.sentence, expert)
+            step.save(folder / f"episode-{found}" / "step-1", DEPTH_SCALE)
             bar.update()
             if found == episodes:
                 return

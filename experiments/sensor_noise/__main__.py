@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 import torch
+from sensor_errors import KINDS
 
 from experiments.sensor_noise.curves import measure
 from gem_lite import clip
 from gem_lite.evaluation import results
-from notebooks.sensor_errors import KINDS
 
 ALL = ("none", "all", *KINDS)
 

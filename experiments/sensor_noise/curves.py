@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
@@ -27,7 +28,6 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.world import World
-from notebooks.sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 
 IDENTITY = (*results.IDENTITY, "error_seed")
 """The entries that identify a row; ``subset`` names the kind of error and its size."""

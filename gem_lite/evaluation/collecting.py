@@ -26,13 +26,9 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
     steps = []
     for turn in rollout(environment, tasks.make(task_name, split), seed, actors.expert):
         (observation,) = turn.observations
-        # Observation and trace as the files hold them, so that fresh and loaded demonstrations are equal.
-        steps.append(
-            DemonstrationStep(
-                demonstrations.quantized(observation), turn.instruction, turn.decision,
-                demonstrations.unpack(demonstrations.pack(turn.result.trace)), turn.result.reward,
-            )
-        )  # fmt: skip
+        seen = demonstrations.quantized(observation)  # As files hold it: fresh and loaded demonstrations are equal.
+        result = turn.result
+        steps.append(DemonstrationStep(seen, turn.instruction, turn.decision, result.trace, result.reward))
     return Demonstration(task_name, split, seed, tuple(steps), environment.style.name)
 
 
@@ -61,7 +57,7 @@ def collect(
     folder = Path(folder)
     facts = {
         "task": task_name, "split": split, "world": world, "start": start,
-        "workspace": [table.x_min, table.x_max, table.y_min, table.y_max],
+        "workspace": (table.x_min, table.x_max, table.y_min, table.y_max),
     }  # fmt: skip
     label = f"{task_name} ({split})"
     with writing(folder):
@@ -91,12 +87,13 @@ def _check_failures(tried: int, succeeded: int, task_name: str) -> None:
 
 def _existing_episodes(folder: Path, facts: dict) -> tuple[dict[str, str], int]:
     """The files of a stopped collection, and the index of the next episode to try."""
-    stored = demonstrations.read_manifest(folder)
-    manifest = {"workspace": facts["workspace"], **stored}  # Sets of earlier versions lack it.
-    old_facts = {name: manifest.get(name) for name in facts}
+    manifest = demonstrations.read_manifest(folder)
+    old_facts = {name: getattr(manifest, name) for name in facts}
+    if manifest.workspace is None:  # Sets of earlier versions lack it.
+        old_facts["workspace"] = facts["workspace"]
     if old_facts != facts:
         raise ValueError(f"{folder} holds another set ({old_facts}, not {facts}): give another folder, or remove it")
     files = demonstrations.load(folder).sums
-    if manifest != stored:
-        demonstrations.write_manifest(folder, {**facts, "next": manifest["next"]}, files)
-    return files, manifest["next"]
+    if manifest.workspace is None:
+        demonstrations.write_manifest(folder, {**facts, "next": manifest.next}, files)
+    return files, manifest.next

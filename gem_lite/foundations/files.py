@@ -157,7 +157,7 @@ def unchanged(path: Path) -> Iterator[None]:
 class FileSequence(Sequence[Item]):
     """Items in the files of a folder, one in each file. Each access reads the file; no item is kept in memory.
 
-    A slice is a sequence of the same kind. A class of this kind says by `decode` how an item is made of a file.
+    A slice is a sequence of the same kind. A class of this kind says by `item` how an item is made of its file.
 
     Attributes:
         folder: the folder of the files.
@@ -192,11 +192,10 @@ class FileSequence(Sequence[Item]):
                 raise ValueError(f"the slice [{limits}] is empty: {self.folder} has {len(self)} files")
             return type(self)(self.folder, dict(selected))
         name, digest = entries[index]
-        path = self.folder / name
-        return self.decode(path, read_verified(path, digest))
+        return self.item(self.folder / name, digest)
 
-    def decode(self, path: Path, content: bytes) -> Item:
-        """The item of a file, whose content has been checked."""
+    def item(self, path: Path, digest: str) -> Item:
+        """The item in a file, whose content must have a SHA-256."""
         raise NotImplementedError
 
 
@@ -218,30 +217,9 @@ def read_verified(path: Path, digest: str) -> bytes:
     return content
 
 
-def as_tuples(value: object) -> object:
-    """Turn JSON's lists into tuples, at every depth. All numbers must be finite."""
-    if isinstance(value, list):
-        return tuple(as_tuples(part) for part in value)
-    return value if isinstance(value, str) else as_number(value)
-
-
-def as_text(value: object) -> str:
-    """A text of JSON that is not empty. Raises ValueError for anything else."""
-    if not isinstance(value, str) or not value:
-        raise ValueError(f"a text is needed, got {value!r:.50}")
-    return value
-
-
 def as_number(value: object) -> float:
     """A finite number of JSON. Raises ValueError for anything else."""
     # A whole number may be too large for a float, so that math.isfinite fails.
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise ValueError(f"a finite number is needed, got {value!r:.50}")
-    return value
-
-
-def as_whole_number(value: object) -> int:
-    """A whole number of JSON, from 0 on. Raises ValueError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"a whole number from 0 on is needed, got {value!r:.50}")
     return value

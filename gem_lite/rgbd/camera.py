@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-Matrix = tuple[tuple[float, ...], ...]
+Matrix = Sequence[Sequence[float]] | np.ndarray
+"""A matrix by its rows."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Camera:
         near, far: the camera sees only what lies between these distances (metres along the axis).
 
     Raises:
-        ValueError: ``intrinsics`` are not finite or have no positive focal lengths; ``pose`` is none (`checked_pose`).
+        ValueError: see `checked_intrinsics` and `checked_pose`.
     """
 
     name: str
@@ -37,13 +38,10 @@ class Camera:
     far: float = 10.0
 
     def __post_init__(self) -> None:
-        checked_pose(self.pose, f"pose of camera {self.name!r}")
-        matrix = _array(self.intrinsics, 3)
-        if matrix is None or min(matrix[0, 0], matrix[1, 1]) <= 0 or matrix[2].tolist() != [0, 0, 1]:
-            raise ValueError(
-                f"intrinsics of camera {self.name!r} must be (3, 3) finite numbers with positive focal lengths and the "
-                f"last row 0 0 1, got {_shown(self.intrinsics)}"
-            )
+        pose = checked_pose(self.pose, f"pose of camera {self.name!r}")
+        intrinsics = checked_intrinsics(self.intrinsics, f"intrinsics of camera {self.name!r}")
+        object.__setattr__(self, "pose", _as_tuples(pose))
+        object.__setattr__(self, "intrinsics", _as_tuples(intrinsics))
 
     @classmethod
     def pinhole(
@@ -84,22 +82,44 @@ class Camera:
 
 def as_pose(rotation: np.ndarray, position: Sequence[float]) -> Matrix:
     """A (3, 3) rotation and a position (m) as the (4, 4) ``pose`` of a `Camera`."""
-    rows = np.column_stack([rotation, position]).tolist()
-    return (*(tuple(row) for row in rows), (0.0, 0.0, 0.0, 1.0))
+    return (*_as_tuples(np.column_stack([rotation, position])), (0.0, 0.0, 0.0, 1.0))
 
 
-def checked_pose(value: object, name: str) -> np.ndarray:
-    """A pose as a (4, 4) array.
+def _as_tuples(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def checked_intrinsics(value: object, name: str) -> np.ndarray:
+    """Intrinsics as a (3, 3) array.
 
     Raises:
-        ValueError: ``value`` is not (4, 4) finite numbers, its rotation is none (a reflection, which is left-handed,
-            is none), or its last row is not 0 0 0 1. The message begins with ``name``.
+        ValueError: ``value`` is not (3, 3) finite numbers, a focal length is not positive, or the last row is not
+            0 0 1. The message begins with ``name``.
+    """
+    matrix = _array(value, 3)
+    if matrix is None or min(matrix[0, 0], matrix[1, 1]) <= 0 or matrix[2].tolist() != [0, 0, 1]:
+        raise ValueError(
+            f"{name} must be (3, 3) finite numbers with positive focal lengths and the last row 0 0 1, got "
+            f"{_shown(value)}"
+        )
+    return matrix
+
+
+def checked_pose(value: object, name: str, mirrored: bool = False) -> np.ndarray:
+    """A pose as a (4, 4) array.
+
+    Args:
+        mirrored: whether the rotation may be a reflection, which is left-handed.
+
+    Raises:
+        ValueError: ``value`` is not (4, 4) finite numbers, its rotation is none, or its last row is not 0 0 0 1. The
+            message begins with ``name``.
     """
     pose = _array(value, 4)
-    if pose is None or not _is_rotation(pose[:3, :3]) or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6):
+    if pose is None or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6) or not _is_rotation(pose[:3, :3], mirrored):
         raise ValueError(
-            f"{name} must be a (4, 4) pose: a rotation (no reflection), a position and the last row 0 0 0 1, got "
-            f"{_shown(value)}"
+            f"{name} must be a (4, 4) pose: a rotation{'' if mirrored else ' (no reflection)'}, a position and the "
+            f"last row 0 0 0 1, got {_shown(value)}"
         )
     return pose
 
@@ -121,8 +141,8 @@ def _array(value: object, size: int) -> np.ndarray | None:
     return matrix if matrix.shape == (size, size) and np.isfinite(matrix).all() else None
 
 
-def _is_rotation(matrix: np.ndarray) -> bool:
-    return np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) and np.linalg.det(matrix) > 0
+def _is_rotation(matrix: np.ndarray, mirrored: bool = False) -> bool:
+    return np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) and (mirrored or np.linalg.det(matrix) > 0)
 
 
 def _shown(value: object) -> str:

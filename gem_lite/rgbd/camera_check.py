@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gem_lite.rgbd.camera_mistakes import CORRECTIONS, LARGEST_TILT, MILLIMETRES, Cloud, Correction, cloud, depth_factor
+from gem_lite.rgbd.levelling import inside, plane
 from gem_lite.rgbd.observation import RawView
 from gem_lite.se2 import Workspace
 
@@ -103,16 +104,16 @@ def fit(clouds: Sequence[Cloud], workspace: Workspace) -> Fit:
     level = []
     heights = []
     for cloud_of_view in clouds:
-        x, y, z = cloud_of_view.points.T
-        inside = (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
-        row, col = coarse.to_pixel(x[inside], y[inside])
+        points = cloud_of_view.points
+        x, y, z = points[inside(points, workspace)].T
+        row, col = coarse.to_pixel(x, y)
         row = np.clip(np.floor(row + 0.5).astype(int), 0, rows - 1)
         col = np.clip(np.floor(col + 0.5).astype(int), 0, cols - 1)
         cell = row * cols + col
         on_table = np.zeros(rows * cols, bool)
-        on_table[cell[np.abs(z[inside]) < LEVEL]] = True
+        on_table[cell[np.abs(z) < LEVEL]] = True
         top = np.full(rows * cols, -np.inf)
-        np.maximum.at(top, cell, z[inside])
+        np.maximum.at(top, cell, z)
         covered.append(float(on_table.mean()))
         level.append(float(on_table.sum() / max(np.isfinite(top).sum(), 1)))
         heights.append(top)
@@ -199,26 +200,19 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
 def _almost_level(given: Cloud, workspace: Workspace) -> str:
     """How a plane that is nearly the table differs from z = 0, in words; "" if there is none.
 
-    The plane is that of the points in the workspace that are at most `NEAR_TABLE` from z = 0. Points far from it are
-    left out one round after the other.
+    The plane is that of the points in the workspace that are at most `NEAR_TABLE` from z = 0.
     """
-    x, y, z = given.points.T
-    near = (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
-    near &= np.abs(z) < NEAR_TABLE
-    if near.sum() < SHARE_OF_PLANE * len(z):
+    points = given.points[inside(given.points, workspace)]
+    near = points[np.abs(points[:, 2]) < NEAR_TABLE]
+    if len(near) < SHARE_OF_PLANE * len(given.points):
         return ""
-    middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2])
-    design = np.column_stack([x - middle[0], y - middle[1], np.ones_like(x)])
-    kept = near
-    for limit in (0.04, 0.02, LEVEL, LEVEL):
-        slope_x, slope_y, height = np.linalg.lstsq(design[kept], z[kept], rcond=None)[0]
-        residuals = np.abs(z - design @ np.array([slope_x, slope_y, height]))
-        kept = near & (residuals < limit)
-        if kept.sum() < 3:
-            return ""
+    slope_x, slope_y, constant = plane(near, (math.inf, 0.04, 0.02, LEVEL))
     tilt = math.degrees(math.atan(math.hypot(slope_x, slope_y)))
-    if kept.sum() < 0.8 * near.sum() or tilt > LARGEST_TILT:
+    distances = np.abs(near @ (-slope_x, -slope_y, 1.0) - constant)
+    if np.mean(distances < LEVEL) < 0.8 or tilt > LARGEST_TILT:
         return ""
+    height = constant + slope_x * (workspace.x_min + workspace.x_max) / 2
+    height += slope_y * (workspace.y_min + workspace.y_max) / 2
     return f"is tilted by {tilt:.1f} degrees and lies {1000 * height:.0f} mm from z = 0"
 
 

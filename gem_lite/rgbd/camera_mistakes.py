@@ -31,10 +31,15 @@ class Cloud:
         """(N, 3): in the table's frame (m)."""
         return self.local @ self.pose[:3, :3].T + self.pose[:3, 3]
 
-    def turned(self, axes: np.ndarray) -> Cloud:
-        """The camera's axes replaced by ``axes`` (3, 3), which are given in the old ones by columns."""
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3): of the pose."""
+        return self.pose[:3, :3]
+
+    def with_rotation(self, rotation: np.ndarray) -> Cloud:
+        """The same with another (3, 3) rotation of the pose."""
         pose = self.pose.copy()
-        pose[:3, :3] = pose[:3, :3] @ axes
+        pose[:3, :3] = rotation
         return Cloud(self.local, pose)
 
 
@@ -63,7 +68,7 @@ def flipped_axes(given: Cloud) -> Iterator[Cloud]:
     """The camera's axes point the other way, such as OpenGL's (y up, z backwards)."""
     for signs in itertools.product((1, -1), repeat=3):
         if signs != (1, 1, 1):
-            yield given.turned(np.diag(signs))
+            yield given.with_rotation(given.rotation @ np.diag(signs))
 
 
 def swapped_axes(given: Cloud) -> Iterator[Cloud]:
@@ -72,7 +77,7 @@ def swapped_axes(given: Cloud) -> Iterator[Cloud]:
         if order == (0, 1, 2):
             continue
         for signs in itertools.product((1, -1), repeat=3):
-            yield given.turned(np.eye(3)[list(order)] * signs)
+            yield given.with_rotation(given.rotation @ (np.eye(3)[list(order)] * signs))
 
 
 def pose_in_millimetres(given: Cloud) -> Iterator[Cloud]:
@@ -93,29 +98,25 @@ def degrees_for_radians(given: Cloud) -> Iterator[Cloud]:
 
     A turn by θ became one by 180 θ / π. From it, θ is known up to multiples of a full turn.
     """
-    if np.linalg.det(given.pose[:3, :3]) < 0:
+    if np.linalg.det(given.rotation) < 0:
         return
-    vector = Rotation.from_matrix(given.pose[:3, :3]).as_rotvec()
+    vector = Rotation.from_matrix(given.rotation).as_rotvec()
     angle = float(np.linalg.norm(vector))
     axis = vector / angle if angle > 1e-9 else np.array([0.0, 0.0, 1.0])
     for turns in range(-30, 31):
         true = math.radians(angle + 2 * math.pi * turns)
         changed = abs(true - angle) > math.radians(LARGEST_TILT)  # a smaller change is one of calibration
         if abs(true) <= math.pi and changed:
-            pose = given.pose.copy()
-            pose[:3, :3] = Rotation.from_rotvec(true * axis).as_matrix()
-            yield Cloud(given.local, pose)
+            yield given.with_rotation(Rotation.from_rotvec(true * axis).as_matrix())
 
 
 def quaternion_in_another_order(given: Cloud) -> Iterator[Cloud]:
     """The rotation was made from a quaternion whose w was read as x, or the reverse."""
-    if np.linalg.det(given.pose[:3, :3]) < 0:
+    if np.linalg.det(given.rotation) < 0:
         return
-    quaternion = Rotation.from_matrix(given.pose[:3, :3]).as_quat()
+    quaternion = Rotation.from_matrix(given.rotation).as_quat()
     for shift in (1, -1):
-        pose = given.pose.copy()
-        pose[:3, :3] = Rotation.from_quat(np.roll(quaternion, shift)).as_matrix()
-        yield Cloud(given.local, pose)
+        yield given.with_rotation(Rotation.from_quat(np.roll(quaternion, shift)).as_matrix())
 
 
 def depth_scaled(given: Cloud) -> Iterator[Cloud]:

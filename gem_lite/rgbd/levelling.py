@@ -8,6 +8,7 @@ about the vertical and a shift along the table leave the table where it is, so n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from gem_lite.se2 import Workspace
 REACH = 0.06
 """A point at most this far (m) from z = 0 may be one of the table."""
 BANDS = (0.03, 0.015, 0.008, 0.008)
-"""The plane is fitted again to the points at most this far (m) from it, once for each entry."""
+"""See `plane`."""
 FEWEST = 500
 """A view with fewer points near the table keeps its pose."""
 MOST = 20_000
@@ -38,9 +39,8 @@ def levelled(observation: Observation, workspace: Workspace) -> Observation:
 
 def _levelled(view: View, workspace: Workspace) -> View:
     points = view.points().reshape(-1, 3)
-    x, y, z = points.T
-    inside = (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
-    near = points[inside & (np.abs(z) < REACH) & (view.depth.reshape(-1) > 0)]
+    measured = view.depth.reshape(-1) > 0
+    near = points[inside(points, workspace) & (np.abs(points[:, 2]) < REACH) & measured]
     near = near[:: max(1, len(near) // MOST)].astype(np.float64)
     if len(near) < FEWEST:
         return view
@@ -57,15 +57,21 @@ def _levelled(view: View, workspace: Workspace) -> View:
     return replace(view, camera=replace(view.camera, pose=pose))
 
 
-def plane(points: np.ndarray) -> tuple[float, float, float]:
+def inside(points: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """(N,) bool: which points (N, 3) lie above or below the workspace."""
+    x, y, _ = points.T
+    return (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
+
+
+def plane(points: np.ndarray, bands: Sequence[float] = BANDS) -> tuple[float, float, float]:
     """The plane z = a x + b y + c that most of the points (N, 3) lie near: (a, b, c).
 
     It begins with the level plane at the points' median height, and is fitted again and again to the points that are
-    near it (`BANDS`).
+    near it: once for each of the ``bands``, a distance in metres.
     """
     coefficients = np.array([0.0, 0.0, float(np.median(points[:, 2]))])
     design = np.column_stack([points[:, :2], np.ones(len(points))])
-    for band in BANDS:
+    for band in bands:
         close = np.abs(points[:, 2] - design @ coefficients) < band
         if close.sum() < 3:
             break

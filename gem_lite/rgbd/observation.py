@@ -14,16 +14,18 @@ was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``p
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
-from gem_lite.foundations.files import as_number, as_text, read_json, unchanged, write_together, writing
+from gem_lite.foundations.files import unchanged, write_together, writing
+from gem_lite.foundations.forms import Form, Text
 from gem_lite.rgbd import png
-from gem_lite.rgbd.camera import Camera, Matrix, View
+from gem_lite.rgbd.camera import Camera, Matrix, View, checked_intrinsics, checked_pose
 
 CAMERAS_FILE = "cameras.json"
 VERSION = 1
@@ -33,6 +35,30 @@ DEEPEST = 65535
 """The largest number in a depth picture."""
 LARGEST_SCALE = 0.01
 """A depth picture whose steps are larger (m) is refused: its scale was probably given in millimetres."""
+
+
+def _inside(name: str) -> str:
+    if not name or Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ValueError("must be a picture in the folder")
+    return name
+
+
+class CameraEntry(Form):
+    """A camera in cameras.json."""
+
+    name: Text
+    color: Annotated[str, AfterValidator(_inside)]
+    depth: Annotated[str, AfterValidator(_inside)]
+    depth_scale: float = Field(gt=0, le=LARGEST_SCALE)
+    intrinsics: list[list[float]]
+    pose: list[list[float]]
+
+
+class CamerasFile(Form):
+    """The file cameras.json."""
+
+    version: Literal[1]
+    cameras: list[CameraEntry] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -92,19 +118,15 @@ class Observation:
         views = []
         for number, (rgb, depth, matrix, pose) in enumerate(zip(colors, depths, intrinsics, poses, strict=True)):
             name = f"camera {number}" if names is None else names[number]
-            if not np.issubdtype(np.asarray(depth).dtype, np.floating):
+            picture, metres = np.asarray(rgb), np.asarray(depth)
+            if not np.issubdtype(metres.dtype, np.floating):
                 raise ValueError(
-                    f"depth of {name!r} must be metres as floating point numbers, got {np.asarray(depth).dtype}; "
-                    "multiply whole numbers by their scale, such as 0.001"
+                    f"depth of {name!r} must be metres as floating point numbers, got {metres.dtype}; multiply whole "
+                    "numbers by their scale, such as 0.001"
                 )
-            metres = np.asarray(depth)
             finite = metres < np.finfo(np.float32).max
             measured = np.where(finite & (metres > 0), metres, 0).astype(np.float32)
-            raw = RawView(
-                name, np.asarray(rgb), measured, _matrix(np.asarray(matrix).tolist(), 3, f"intrinsics of {name!r}"),
-                _pose(np.asarray(pose).tolist(), f"pose of {name!r}"),
-            )  # fmt: skip
-            views.append(raw.view())
+            views.append(RawView(name, picture, measured, matrix, pose).view())
         return cls(tuple(views))
 
     @classmethod
@@ -135,7 +157,10 @@ class Observation:
         Raises: as `save`.
         """
         folder = Path(folder)
-        _check_scale(depth_scale, "")
+        if not 0 < depth_scale <= LARGEST_SCALE:
+            raise ValueError(
+                f"depth_scale must be the metres of one step, above 0 and at most {LARGEST_SCALE}, got {depth_scale}"
+            )
         names = [view.camera.name for view in self.views]
         if len(set(names)) < len(names) or any("/" in name or not name for name in names):
             raise ValueError(f"views must have different names without a slash, got {names}")
@@ -184,71 +209,34 @@ def read_raw(folder: Path | str) -> list[RawView]:
         raise FileNotFoundError(f"{folder} is no folder")
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no scene: there is no {CAMERAS_FILE} in it")
+
+    def read_picture(name: str, channels: int, dtype: type) -> np.ndarray:
+        picture = folder / name
+        if not picture.is_file():
+            raise FileNotFoundError(f"{picture} is missing, though {CAMERAS_FILE} names it")
+        return png.decode(picture.read_bytes(), channels, dtype, picture)
+
     with unchanged(path):
-        content = read_json(path.read_bytes(), path)
-        if content.get("version") != VERSION:
-            raise ValueError(f"{path} must have version {VERSION}, got {content.get('version')!r}")
-        entries = content.get("cameras")
-        if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-            raise ValueError(f"{path} must have a list of cameras with at least one entry")
-        return [_raw_view(folder, entry, f"{path}, camera {number}") for number, entry in enumerate(entries)]
+        return raw_views(path.read_bytes(), path, read_picture)
 
 
-def _raw_view(folder: Path, entry: dict[str, Any], where: str) -> RawView:
-    missing = [key for key in ("name", "color", "depth", "depth_scale", "intrinsics", "pose") if key not in entry]
-    if missing:
-        raise ValueError(f"{where} lacks {', '.join(missing)}")
-    try:
-        name, color, depth = (as_text(entry[key]) for key in ("name", "color", "depth"))
-        scale = as_number(entry["depth_scale"])
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
-    _check_scale(scale, f"{where}: ")
-    return RawView(
-        name,
-        _read_png(folder, color, f"{where}: color", 3, np.uint8),
-        _read_png(folder, depth, f"{where}: depth", 1, np.uint16).astype(np.float32) * np.float32(scale),
-        _matrix(entry["intrinsics"], 3, f"{where}: intrinsics"),
-        _pose(entry["pose"], f"{where}: pose"),
-    )
+def raw_views(
+    content: bytes | str, path: object, read_picture: Callable[[str, int, type], np.ndarray]
+) -> list[RawView]:
+    """The cameras that the content of a file cameras.json describes.
 
+    Args:
+        path: names the file in an error message.
+        read_picture: gives the picture of a name, with a number of channels and of a type.
 
-def _check_scale(scale: float, where: str) -> None:
-    if not 0 < scale <= LARGEST_SCALE:
-        raise ValueError(
-            f"{where}depth_scale must be the metres of one step, above 0 and at most {LARGEST_SCALE}, got {scale}"
-        )
-
-
-def _read_png(folder: Path, name: str, where: str, channels: int, dtype: type) -> np.ndarray:
-    """A picture of a folder."""
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise ValueError(f"{where} must be a picture in the folder, got {name!r}")
-    path = folder / name
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} is missing, though {CAMERAS_FILE} names it as {where.rpartition(' ')[2]}")
-    return png.decode(path.read_bytes(), channels, dtype, path)
-
-
-def _matrix(value: object, size: int, name: str) -> Matrix:
-    """A square matrix of finite numbers as tuples."""
-    if not isinstance(value, list) or len(value) != size or not all(isinstance(row, list) for row in value):
-        raise ValueError(f"{name} must be {size} rows of {size} numbers, got {value!r}")
-    try:
-        rows = tuple(tuple(float(as_number(number)) for number in row) for row in value)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
-    if any(len(row) != size for row in rows):
-        raise ValueError(f"{name} must be {size} rows of {size} numbers, got rows of {[len(row) for row in rows]}")
-    if size == 3 and (rows[0][0] <= 0 or rows[1][1] <= 0 or rows[2] != (0.0, 0.0, 1.0)):
-        raise ValueError(f"{name} must have positive focal lengths and the last row 0 0 1, got {value}")
-    return rows
-
-
-def _pose(value: object, name: str) -> Matrix:
-    """A (4, 4) pose. Its rotation may be a reflection: `gem_lite.rgbd.camera_check` says what is wrong then."""
-    rows = _matrix(value, 4, name)
-    rotation = np.array(rows)[:3, :3]
-    if rows[3] != (0.0, 0.0, 0.0, 1.0) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
-        raise ValueError(f"{name} must be a rotation and a position, with the last row 0 0 0 1, got {value}")
-    return rows
+    Raises:
+        ValueError: something in the content is not allowed.
+    """
+    views = []
+    for number, entry in enumerate(CamerasFile.read(content, path).cameras):
+        checked_intrinsics(entry.intrinsics, f"{path} cameras {number} intrinsics")
+        checked_pose(entry.pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
+        rgb = read_picture(entry.color, 3, np.uint8)
+        depth = read_picture(entry.depth, 1, np.uint16).astype(np.float32) * np.float32(entry.depth_scale)
+        views.append(RawView(entry.name, rgb, depth, entry.intrinsics, entry.pose))
+    return views

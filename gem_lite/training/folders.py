@@ -6,36 +6,13 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from accelerate import PartialState
-
 from gem_lite import demonstrations, language
 from gem_lite.config import MULTI_TASK, Config
 from gem_lite.demonstrations import OWN_WORLD, DemonstrationSet
-from gem_lite.foundations.files import as_number
-from gem_lite.training import recorded_steps
+from gem_lite.se2 import Pose2
 
 SPLIT = "train"
 """The split of the demonstrations that train policies. The others measure them."""
-
-
-def packed(folders: Sequence[Path], into: Path, settings: Config) -> list[Path]:
-    """The folders, with those of recorded episodes replaced by sets in ``into`` that hold the same episodes.
-
-    Of several processes, the first writes these sets, and the others must come after it.
-
-    Raises: see `recorded_steps.read`.
-    """
-    parser = language.PARSERS.find(settings.parser)
-    ready = []
-    for number, folder in enumerate(folders):
-        if not recorded_steps.is_recorded(folder):
-            ready.append(folder)
-            continue
-        place = into / str(number) / folder.resolve().name
-        if PartialState().is_main_process:  # Only one process may write into a folder.
-            recorded_steps.pack(folder, place, settings.workspace, parser)
-        ready.append(place)
-    return ready
 
 
 def demonstrations_of_tasks(
@@ -72,10 +49,12 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
 
     Raises:
         ValueError: demonstrations of our tasks with a rectangle or mixed with others, tables of other lengths, or a
-            manifest without its table.
+            manifest without its table; or see `check_recorded`.
     """
     own = {part[0].world == OWN_WORLD for part in sets}
     if own == {True}:
+        for part in sets:
+            check_recorded(part, settings)
         return settings
     if True in own or settings.rectangle is not None:
         raise ValueError(
@@ -89,23 +68,46 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
 
 def _table_length(demos: DemonstrationSet) -> float:
     """The length (m) of the table on which demonstrations of our tasks lie, as their manifest says it."""
-    limits = demonstrations.read_manifest(demos.folder).get("workspace")
+    limits = demonstrations.read_manifest(demos.folder).workspace
     if limits is None:
         raise ValueError(
             f'the manifest in {demos.folder} must have an entry "workspace": [x_min, x_max, y_min, y_max] (m), got '
             f"none: gem-lite collect {demos[0].task} {demos.folder} --episodes {len(demos)} --world {demos[0].world} "
             "adds it, and plays no episode again"
         )
-    try:
-        _, _, y_min, y_max = map(as_number, limits)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{demos.folder}/manifest.json has a wrong workspace, {limits!r:.80}: {error}") from error
+    _, _, y_min, y_max = limits
     return y_max - y_min
 
 
-def data_hash(folders: Sequence[Path], episodes: int | None) -> str:
-    """The SHA-256 of the demonstrations; of several folders, that of their hashes one after the other."""
-    hashes = [demonstrations.data_hash(folder, episodes) for folder in folders]
+def check_recorded(demos: DemonstrationSet, settings: Config) -> None:
+    """Check demonstrations that a person or another program recorded.
+
+    Raises:
+        FileNotFoundError: a file is missing.
+        ValueError: a file is not allowed, a pose lies outside the configuration's table, or its parser refuses a
+            sentence. The message names the step.
+    """
+    parser = language.PARSERS.find(settings.parser)
+    table = settings.workspace
+    for name, demonstration in zip(demos.sums, demos, strict=True):
+        for count, step in enumerate(demonstration.steps):
+            where = f"{demos.folder / name}, step {count}"
+            for key, pose in vars(step.expert.action).items():
+                if isinstance(pose, Pose2) and not table.contains(pose.x, pose.y):
+                    raise ValueError(
+                        f"{where}: the {key} at ({pose.x:.3f}, {pose.y:.3f}) m lies outside the table, which is x "
+                        f"{table.x_min:.3f} to {table.x_max:.3f} m, y {table.y_min:.3f} to {table.y_max:.3f} m; "
+                        "--config.rectangle sets another"
+                    )
+            try:
+                parser(step.instruction)
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from error
+
+
+def data_hash(sets: Sequence[DemonstrationSet]) -> str:
+    """The SHA-256 of the demonstrations; of several sets, that of their hashes one after the other."""
+    hashes = [part.digest for part in sets]
     return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
 
 

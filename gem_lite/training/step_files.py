@@ -45,8 +45,8 @@ class StoredSteps(files.FileSequence[PreparedStep]):
     """The prepared steps of a folder."""
 
     @override
-    def decode(self, path: Path, content: bytes) -> PreparedStep:
-        return _decode(content)
+    def item(self, path: Path, digest: str) -> PreparedStep:
+        return _decode(files.read_verified(path, digest))
 
 
 Steps = Sequence[PreparedStep] | ConcatDataset[PreparedStep]

@@ -34,8 +34,6 @@ SAVE_SECONDS = 60
 """The training state is saved after this time (seconds) at the latest."""
 PREPARED = "prepared"
 """The name of the folder of the prepared steps, in the folder of a run."""
-RECORDED = "recorded"
-"""The name of the folder of the demonstrations that were recorded elsewhere, in the folder of a run."""
 LONGEST_PREPARATION = timedelta(days=7)
 """The longest time that the other processes wait for the one that prepares the steps."""
 MAX_GRADIENT_NORM = 1.0
@@ -227,8 +225,7 @@ def prepared_steps(
 def discard(run: Path) -> None:
     """Remove the files of `train` and `prepared_steps` in ``run``, after the checkpoint is written."""
     (run / STATE_FILE).unlink(missing_ok=True)
-    for name in (PREPARED, RECORDED):
-        shutil.rmtree(run / name, ignore_errors=True)
+    shutil.rmtree(run / PREPARED, ignore_errors=True)
 
 
 def hardware(device: str) -> str:
@@ -246,7 +243,7 @@ def train_from_folder(
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
-        folder: a set of `demonstrations.save`, or recorded episodes (`training.recorded_steps`).
+        folder: a set of demonstrations, see `demonstrations.load`.
         also: folders with as many demonstrations of other tasks, each drawn equally often, for a method with the
             ending "multi".
         settings: the method's configuration. Recorded episodes keep its table; others set its length.
@@ -264,9 +261,8 @@ def train_from_folder(
         FloatingPointError, OSError: see `train`.
     """
     _check_request(checkpoint, seed, device)
-    with _team(device).main_process_first():
-        packed = folders.packed((folder, *also), run / RECORDED, settings)
-    sets = folders.demonstrations_of_tasks(packed, episodes, settings)
+    _team(device)  # Each process gets its device.
+    sets = folders.demonstrations_of_tasks((folder, *also), episodes, settings)
     policy = method(folders.on_table_of(sets, settings), clip.load(clip_name).to(device), seed=seed)
     steps = prepared_steps(policy, sets, run, device, shared)
     cost = train(policy, steps, seed, run, device)
@@ -277,7 +273,7 @@ def train_from_folder(
         "demos": len(sets[0]),
         "demonstrations_world": sets[0][0].world,
         "demonstrations_split": sets[0][0].split,
-        "data_sha256": folders.data_hash(packed, episodes),
+        "data_sha256": folders.data_hash(sets),
         "seed": seed,
         "train_seconds": round(cost.seconds, 1),
         "train_cpu_seconds": round(cost.cpu_seconds, 1),

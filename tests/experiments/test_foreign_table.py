@@ -1,5 +1,7 @@
 """The foreign table as an experiment: its commands, its demonstrations, its still tables."""
 
+import dataclasses
+import hashlib
 import json
 import os
 import subprocess
@@ -9,12 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from damages import archive_names
 
-from gem_lite import clip
+from gem_lite import clip, demonstrations
 from gem_lite.evaluation import results
 from gem_lite.policies.checkpoints import read_card
-from gem_lite.se2 import Workspace
-from gem_lite.training import recorded_steps
 
 POLICY = clip.DATA / "gem-foreign-table.safetensors"
 
@@ -33,17 +34,20 @@ def run(*words, folder):
 
 def test_the_stored_demonstrations_are_those_that_the_command_records(tmp_path):
     run("record", "demos", "--episodes", 1, folder=tmp_path)
-    (fresh,) = recorded_steps.read(tmp_path / "demos", Workspace())
-    stored = next(recorded_steps.read(clip.DATA / "foreign-demos", Workspace()))
+    (fresh,) = demonstrations.load(tmp_path / "demos")
+    stored = demonstrations.load(clip.DATA / "foreign-demos")[0]
     assert fresh.steps[0].instruction == stored.steps[0].instruction
     for name in ("pick", "place"):
         a, b = (getattr(part.steps[0].expert.action, name) for part in (fresh, stored))
         assert abs(a.x - b.x) < 1e-3 and abs(a.y - b.y) < 1e-3
 
 
-def test_the_shipped_policy_was_trained_on_the_stored_demonstrations(tmp_path):
-    packed = recorded_steps.pack(clip.DATA / "foreign-demos", tmp_path / "packed", Workspace())
-    assert read_card(POLICY)["data_sha256"] == packed.digest and read_card(POLICY)["demos"] == len(packed) == 5
+def test_the_shipped_policy_was_trained_on_the_stored_demonstrations():
+    """Its training packed them into archives, whose SHA-256 are on its card."""
+    stored = demonstrations.load(clip.DATA / "foreign-demos")
+    numbered = [dataclasses.replace(episode, seed=number) for number, episode in enumerate(stored)]
+    digest = hashlib.sha256(json.dumps(archive_names(numbered)).encode()).hexdigest()
+    assert read_card(POLICY)["data_sha256"] == digest and read_card(POLICY)["demos"] == len(stored) == 5
 
 
 def test_a_policy_is_measured(tmp_path):

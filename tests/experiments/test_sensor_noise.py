@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from sensor_errors import HARD, KINDS, SensorErrors
 
 from experiments.sensor_noise.curves import only
 from gem_lite.evaluation import results
-from notebooks.sensor_errors import HARD, KINDS, SensorErrors
 
 
 def start(*words, folder):

@@ -17,17 +17,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import safetensors.numpy
+from damages import archive, archive_names
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gem_lite import clip, demonstrations
 from gem_lite.clip import calibration
+from gem_lite.demonstrations import sets
 from gem_lite.evaluation.results import file_rows, read_rows
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
-from gem_lite.rgbd.recordings import Recording
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.observation import Observation
 
 SMALL = dataclasses.replace(
     LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
@@ -62,11 +65,17 @@ def whole(demo_set, model, tmp_path_factory):
         views = []
         for view in step.observation.views[:2]:
             camera = dataclasses.replace(view.camera, size=(8, 8))
-            views.append(demonstrations.View(camera, view.rgb[:8, :8].copy(), view.depth[:8, :8].copy()))
-        steps.append(dataclasses.replace(step, observation=demonstrations.Observation(tuple(views))))
+            views.append(View(camera, view.rgb[:8, :8].copy(), view.depth[:8, :8].copy()))
+        steps.append(dataclasses.replace(step, observation=Observation(tuple(views))))
     episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=tuple(steps)) for seed in (0, 1)]
     demonstrations.save(episodes, folder / "demos")
-    Recording(steps[0].observation, steps[0].instruction, steps[0].expert).save(folder / "step")
+    (folder / "archives").mkdir()
+    names = archive_names(episodes)
+    for name, episode in zip(names, episodes, strict=True):
+        (folder / "archives" / name).write_bytes(archive(episode))
+    manifest = json.loads((folder / "demos" / "manifest.json").read_text())
+    (folder / "archives" / "manifest.json").write_text(json.dumps(manifest | {"schema": 3, "files": names}))
+    steps[0].save(folder / "step")
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
     memory = CropMemory(
         [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
@@ -136,55 +145,68 @@ def damaged_arrays(draw: Callable, arrays: dict[str, np.ndarray]) -> dict[str, n
 # One kind of file each: damage a copy of the whole folder, then read it as a user does ---------------------------
 
 
-def damage_demonstrations(draw: Callable, folder: Path) -> None:
-    path = draw(st.sampled_from(sorted((folder / "demos").iterdir())))
+def damage_text_or_bytes(draw: Callable, path: Path, other: bytes) -> None:
     content = path.read_bytes()
     if path.suffix == ".json" and draw(st.booleans()):
         path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
-    elif path.suffix == ".npz" and draw(st.booleans()):
-        with np.load(path) as archive:
-            arrays = dict(archive)
-        if draw(st.booleans()):
-            arrays = damaged_arrays(draw, arrays)
-        else:
-            meta = damaged_json(draw, json.loads(arrays["meta"].tobytes()))
-            arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)
-        reseal_episode(path, buffer.getvalue())
     else:
-        content = damaged_bytes(draw, content, (folder / "calibration.json").read_bytes())
-        if path.suffix == ".npz" and draw(st.booleans()):
-            reseal_episode(path, content)
-        else:
-            path.write_bytes(content)
+        path.write_bytes(damaged_bytes(draw, content, other))
 
 
-def reseal_episode(path: Path, content: bytes) -> None:
-    manifest = json.loads((path.parent / "manifest.json").read_text())
+def damage_demonstrations(draw: Callable, folder: Path) -> None:
+    path = draw(st.sampled_from(sorted(path for path in (folder / "demos").rglob("*") if path.is_file())))
+    damage_text_or_bytes(draw, path, (folder / "calibration.json").read_bytes())
+    if path.name != "manifest.json" and draw(st.booleans()):
+        episode = path.relative_to(folder / "demos").parts[0]
+        seal(folder / "demos", episode, sets._sum_of(folder / "demos" / episode))
+
+
+def damage_archives(draw: Callable, folder: Path) -> None:
+    path = draw(st.sampled_from(sorted((folder / "archives").glob("*.npz"))))
+    content = path.read_bytes()
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    match draw(st.sampled_from(["bytes", "arrays", "description"])):
+        case "bytes":
+            content = damaged_bytes(draw, content, (folder / "calibration.json").read_bytes())
+        case "arrays":
+            content = packed_again(damaged_arrays(draw, arrays))
+        case "description":
+            meta = damaged_json(draw, json.loads(arrays["meta"].tobytes()))
+            content = packed_again(arrays | {"meta": np.frombuffer(json.dumps(meta).encode(), np.uint8)})
     path.write_bytes(content)
-    manifest["files"][path.name] = hashlib.sha256(content).hexdigest()
-    (path.parent / "manifest.json").write_text(json.dumps(manifest))
+    seal(folder / "archives", path.name, hashlib.sha256(content).hexdigest())
 
 
-def read_demonstrations(folder: Path, model: clip.Clip) -> None:
-    for demonstration in demonstrations.load(folder / "demos"):
+def packed_again(arrays: dict[str, np.ndarray]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def seal(folder: Path, episode: str, digest: str) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["files"][episode] = digest
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def read_demonstrations(folder: Path, model: clip.Clip, name: str = "demos") -> None:
+    for demonstration in demonstrations.load(folder / name):
         assert isinstance(demonstration, demonstrations.Demonstration)
         assert all(np.isfinite(step.reward) for step in demonstration.steps)
-    demonstrations.data_hash(folder / "demos", 1)
+
+
+def read_archives(folder: Path, model: clip.Clip) -> None:
+    read_demonstrations(folder, model, "archives")
 
 
 def damage_step(draw: Callable, folder: Path) -> None:
     path = draw(st.sampled_from(sorted((folder / "step").glob("*.png")) + sorted((folder / "step").glob("*.json"))))
-    content = path.read_bytes()
-    if path.suffix == ".json" and draw(st.booleans()):
-        path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
-    else:
-        path.write_bytes(damaged_bytes(draw, content, (folder / "rows.jsonl").read_bytes()))
+    damage_text_or_bytes(draw, path, (folder / "rows.jsonl").read_bytes())
 
 
 def read_step(folder: Path, model: clip.Clip) -> None:
-    for view in Recording.load(folder / "step").observation.views:
+    for view in demonstrations.DemonstrationStep.load(folder / "step").observation.views:
         assert np.isfinite(view.points()).all()
 
 
@@ -231,12 +253,7 @@ def read_and_file_rows(folder: Path, model: clip.Clip) -> None:
 
 
 def damage_calibration(draw: Callable, folder: Path) -> None:
-    path = folder / "calibration.json"
-    content = path.read_bytes()
-    if draw(st.booleans()):
-        path.write_bytes(damaged_bytes(draw, content, (folder / "policy.json").read_bytes()))
-    else:
-        path.write_text(json.dumps(damaged_json(draw, json.loads(content))))
+    damage_text_or_bytes(draw, folder / "calibration.json", (folder / "policy.json").read_bytes())
 
 
 def read_calibration(folder: Path, model: clip.Clip) -> None:
@@ -248,6 +265,7 @@ def read_calibration(folder: Path, model: clip.Clip) -> None:
 
 KINDS = {
     "demonstrations": (damage_demonstrations, read_demonstrations),
+    "archives": (damage_archives, read_archives),
     "recorded step": (damage_step, read_step),
     "checkpoint": (damage_checkpoint, read_checkpoint),
     "rows": (damage_rows, read_and_file_rows),
