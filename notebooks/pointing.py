@@ -41,7 +41,7 @@ NEAR = f"within_{1000 * RADIUS:.0f}mm"
 
 
 @dataclass(frozen=True)
-class Scene:
+class AskedScene:
     """A laid-out scene. Only ``views`` may reach a map; the rest is the simulator's truth, which scores the map.
 
     Attributes:
@@ -67,20 +67,20 @@ class Scene:
 
 def scene_of(
     world: World, seed: int, views: Sequence[View], names: dict[int, str], questions: Sequence[tuple[str, str]]
-) -> Scene:
+) -> AskedScene:
     """What lies in a world now, as a scene."""
     poses = {body.id: world.pose(body)[0] for body in world.bodies}
-    return Scene(seed, views, bodies_from_above(world.client, LITE.workspace), names, poses, questions)
+    return AskedScene(seed, views, bodies_from_above(world.client, LITE.workspace), names, poses, questions)
 
 
-def lay_out(kind: str, world: World, seed: int) -> Scene:
+def lay_out(kind: str, world: World, seed: int) -> AskedScene:
     """A scene of one of the `KINDS`; everything random in it comes from ``seed``."""
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
     return lay_out_bowls(world, seed) if kind == "bowls" else lay_out_shapes(world, seed)
 
 
-def lay_out_bowls(world: World, seed: int) -> Scene:
+def lay_out_bowls(world: World, seed: int) -> AskedScene:
     """A put-block-in-bowl scene with its distractors; the questions are the instruction's two phrases."""
     task = tasks.make("put-block-in-bowl-unseen-colors", "test")
     views = world.reset(task, seed)[0].views
@@ -89,7 +89,7 @@ def lay_out_bowls(world: World, seed: int) -> Scene:
     return scene_of(world, seed, views, task.names, ((queries.pick, f"{block} block"), (queries.place, f"{bowl} bowl")))
 
 
-def lay_out_shapes(world: World, seed: int, palette: Sequence[str] = colors.UNSEEN) -> Scene:
+def lay_out_shapes(world: World, seed: int, palette: Sequence[str] = colors.UNSEEN) -> AskedScene:
     """`PIECES` kitting pieces at random poses, no two of the same colour and shape, with `QUESTIONS` questions.
 
     Raises:
@@ -138,7 +138,7 @@ class Pointing:
         return self.distance <= RADIUS
 
 
-def point(semantic: np.ndarray, name: str, scene: Scene, question: tuple[str, str]) -> Pointing:
+def point(semantic: np.ndarray, name: str, scene: AskedScene, question: tuple[str, str]) -> Pointing:
     """The point at which a map (H, W) points, scored against the scene's truth; ``name`` is the map's."""
     phrase, right_name = question
     row, col = semantic_map.plateau_centre(semantic, LITE)

@@ -17,7 +17,7 @@ from nbval.plugin import IPyNbCell  # noqa: E402
 from small import SMALL  # noqa: E402
 
 from gem_lite import clip  # noqa: E402
-from gem_lite.evaluation import collecting  # noqa: E402
+from gem_lite.evaluation import collecting, workers  # noqa: E402
 from gem_lite.foundations import registry  # noqa: E402
 from gem_lite.policies.gem import Gem  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
@@ -125,6 +125,12 @@ def trained(prepared, model, tmp_path_factory):
     policy, run = Gem(SMALL, model, memory, seed=3), tmp_path_factory.mktemp("trained")
     train.train(policy, steps, seed=3, run=run)
     return policy, run
+
+
+@pytest.fixture
+def jobs_here(monkeypatch):
+    """Jobs run in this process, without the seconds that others take to start: for what does not test processes."""
+    monkeypatch.setattr(workers, "run_jobs", lambda run, jobs, *_, **__: [one for job in jobs for one in run(job)])
 
 
 SHORT_LESSONS = {"00", "01", "03", "04", "09"}

@@ -19,6 +19,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
+SHIPPED = clip.DATA / "gem-put-block-in-bowl.safetensors"
 
 
 def test_rounding_to_pixels_and_angles_keeps_the_expert_perfect(world):
@@ -47,23 +48,25 @@ def test_random_actor_scores_little_and_repeats(world):
     assert actions[0] == actions[1] != actions[2]
 
 
-def test_unknown_method_task_and_count_are_named():
-    with pytest.raises(ValueError, match="method must be"):
-        evaluate.evaluate(Measurement("oracle", TASK, 1))
-    with pytest.raises(ValueError, match="put-block-in-bowl-seen-colors"):
-        evaluate.evaluate(Measurement("expert", "put-blocks-in-bowl", 1))
-    with pytest.raises(ValueError, match="episodes"):
-        evaluate.evaluate(Measurement("expert", TASK, 0))
-
-
-def test_a_learned_method_needs_its_own_checkpoint():
-    with pytest.raises(ValueError, match="cliport needs --checkpoint"):
-        evaluate.evaluate(Measurement("cliport", TASK, 1))
-    shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
-    with pytest.raises(ValueError, match="holds gem, not gem-without-parsing"):
-        Measurement("gem-without-parsing", TASK, checkpoint=shipped).check()
-    with pytest.raises(ValueError, match=r"method must be one of gem, .*without a checkpoint: expert, expert-rounded"):
-        Measurement("gem-without-a-clue", TASK, checkpoint=shipped).check()
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("oracle", TASK, 1), r"method must be one of gem, .*without a checkpoint: expert, expert-rounded"),
+        (("expert", "put-blocks-in-bowl", 1), TASK),
+        (("expert", TASK, 0), "episodes must be at least 1, got 0"),
+        (("expert", TASK, 1, "test", 0, None, None, "mars"), "no world is named 'mars'; the nearest names: "),
+        (("cliport", TASK, 1), "cliport needs --checkpoint"),
+        (("gem-without-parsing", TASK, 1, "test", 0, SHIPPED), "holds gem, not gem-without-parsing"),
+        (("gem-without-a-clue", TASK, 1, "test", 0, SHIPPED), "method must be one of gem, "),
+        (
+            ("gem", TASK, 1, "test", 0, clip.DATA / "gem-object-sorting.safetensors"),
+            r"a table .* y -0.530 to 0.530 m; that of put-block.* y -0.500 to 0.500 m",
+        ),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        evaluate.evaluate(Measurement(*arguments))
 
 
 def test_a_world_is_chosen_by_its_name(monkeypatch):
@@ -77,8 +80,6 @@ def test_a_world_is_chosen_by_its_name(monkeypatch):
     monkeypatch.setattr(evaluate, "World", Watched)
     evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), looks.style("shadows"), range(1)))
     assert styles == ["shadows"]
-    with pytest.raises(ValueError, match="no world is named 'mars'; the nearest names: "):
-        evaluate.evaluate(Measurement("expert", TASK, 1, world="mars"))
 
 
 @pytest.fixture
@@ -120,10 +121,9 @@ def test_a_smoke_run_replaces_no_filed_row(command, tmp_path, capsys):
 
 
 def test_rows_hold_the_card_of_their_policy(command, tmp_path):
-    shipped = clip.DATA / "gem-put-block-in-bowl.safetensors"
-    assert command("gem", TASK, "--checkpoint", str(shipped), "--episodes", "3", "--file") == 0
+    assert command("gem", TASK, "--checkpoint", str(SHIPPED), "--episodes", "3", "--file") == 0
     (row,) = results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")
-    card = read_card(shipped)
+    card = read_card(SHIPPED)
     for name in ("demos", "seed", "train_seconds", "data_sha256", "demonstrations_world"):
         assert row[name] == card[name] is not None
     assert (row["steps"], row["config"]) == (card["config"]["steps"], "lite")
@@ -162,9 +162,7 @@ def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
 def test_every_task_family_has_a_results_file_of_its_own():
     own = [name for name in tasks.names() if tasks.family(name) != "sweeping"]  # which another test adds
     files = {name: results.results_file(name).name for name in own}
-    assert (
-        files["put-block-in-bowl-unseen-colors"] == files["put-block-in-bowl-seen-colors"] == "put-block-in-bowl.jsonl"
-    )
+    assert files["put-block-in-bowl-unseen-colors"] == files[TASK] == "put-block-in-bowl.jsonl"
     assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
     assert files["block-insertion"] == "block-insertion.jsonl"
     assert len(set(files.values())) == 13
@@ -203,34 +201,22 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
     assert (episode.placed_decisions, episode.retaken) == (1, 1)
 
 
-def test_a_checkpoint_for_another_table_is_refused():
-    checkpoint = clip.DATA / "gem-object-sorting.safetensors"
-    with pytest.raises(ValueError, match=r"a table .* y -0.530 to 0.530 m; that of put-block.* y -0.500 to 0.500 m"):
-        evaluate.evaluate(Measurement("gem", TASK, 1, checkpoint=checkpoint))
-
-
 def test_a_subset_of_episodes_has_a_row_of_its_own():
     episodes = [Episode(0, 1.0, 1, ("hard",)), Episode(1, 0.0, 1, ()), Episode(2, 0.5, 1, ("hard", "odd"))]
     rows = {row["subset"]: row["rewards"] for row in evaluate.rows_of("expert", TASK, episodes, {})}
     assert rows == {"all": {"0": 1.0, "1": 0.0, "2": 0.5}, "hard": {"0": 1.0, "2": 0.5}, "odd": {"2": 0.5}}
 
 
-def test_skipped_episodes_are_replaced_by_later_ones():
-    assert workers.chunks(3, 6, skip=(4, 5, 100)) == [[3, 6, 7, 8, 9], [10]]
-    measured = evaluate.evaluate(Measurement("expert", TASK, 3, skip=(1,)), processes=1)
-    assert [episode.index for episode in measured] == [0, 2, 3]
-
-
-def test_a_row_names_the_episodes_that_it_skipped(tmp_path):
-    measurement = Measurement("expert", TASK, 2, skip=(1, 9))
-    rows, _ = evaluate.measure_and_file(measurement, tmp_path / "rows.jsonl", processes=1)
-    assert rows[0]["skipped"] == [1]
-    assert list(rows[0]["rewards"]) == ["0", "2"]
-    assert results.read_rows(tmp_path / "rows.jsonl")[0]["skipped"] == [1]
+def test_skipped_episodes_are_replaced_by_later_ones_and_named_in_the_row(jobs_here, tmp_path):
+    measurement = Measurement("expert", TASK, 3, skip=(1, 9))
+    rows, _ = evaluate.measure_and_file(measurement, tmp_path / "rows.jsonl")
+    assert list(rows[0]["rewards"]) == ["0", "2", "3"]
+    assert rows[0]["skipped"] == results.read_rows(tmp_path / "rows.jsonl")[0]["skipped"] == [1]
 
 
 def test_episodes_come_in_chunks():
-    assert [list(part) for part in workers.chunks(3, 7)] == [[3, 4, 5, 6, 7], [8, 9]]
+    assert workers.chunks(3, 7) == [[3, 4, 5, 6, 7], [8, 9]]
+    assert workers.chunks(3, 6, skip=(4, 5, 100)) == [[3, 6, 7, 8, 9], [10]]
     with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
         workers.chunks(0, 0)
 

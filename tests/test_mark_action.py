@@ -27,28 +27,22 @@ def press_keep(widget):
     widget.set_state({"kept": {"pick": widget.pick, "place": widget.place, "sentence": widget.sentence}})
 
 
-def test_the_script_gets_what_it_needs_for_metres():
+def test_the_script_gets_what_it_needs_for_metres_and_the_colours_row_by_row():
     heightmap = table()
-    w, sent = heightmap.workspace, MarkAction(heightmap).table
+    widget = MarkAction(heightmap, ACTION)
+    sent = widget.table
     assert sent == {"rows": 160, "cols": 80, "x_min": 0.25, "y_max": 0.5, "cell": 0.00625, "scale": 4}
     # The centre of cell (30, 10), as toMetres of the script computes it, and as the library does.
     script = (sent["x_min"] + 10.5 * sent["cell"], sent["y_max"] - 30.5 * sent["cell"])
-    assert script == pytest.approx(w.to_world(30, 10))
+    assert script == pytest.approx(heightmap.workspace.to_world(30, 10))
+    rgb = np.frombuffer(widget.rgb, np.uint8).reshape(160, 80, 3)
+    np.testing.assert_array_equal(rgb, heightmap.rgb)
+    assert widget.action == ACTION
 
 
 @pytest.mark.parametrize(("workspace", "scale"), [(Workspace.of_length(0.6), 6), (Workspace.of_length(5.0), 1)])
 def test_the_drawn_table_has_whole_pixels_for_each_cell(workspace, scale):
     assert MarkAction(table(workspace)).table["scale"] == scale
-
-
-def test_the_colours_arrive_row_by_row():
-    heightmap = table()
-    rgb = np.frombuffer(MarkAction(heightmap).rgb, np.uint8).reshape(160, 80, 3)
-    np.testing.assert_array_equal(rgb, heightmap.rgb)
-
-
-def test_an_action_comes_back():
-    assert MarkAction(table(), ACTION).action == ACTION
 
 
 def test_a_missing_mark_is_named():
@@ -62,19 +56,16 @@ def test_a_missing_mark_is_named():
     assert widget.action == PickPlace(Pose2(0.4, 0.1), Pose2(0.6, -0.2))
 
 
-@pytest.mark.parametrize("mark", [[0.1, 0, 0], [0.4, 0.6, 0], [0.75, 0, 0], [0.4, -0.5, 0]])
-def test_a_mark_outside_the_table_is_refused(mark):
+@pytest.mark.parametrize(
+    ("mark", "sentence"),
+    [(mark, "outside the table") for mark in ([0.1, 0, 0], [0.4, 0.6, 0], [0.75, 0, 0], [0.4, -0.5, 0])]
+    + [(mark, "place must be") for mark in ([0.4], [0.4, 0.1, math.nan], [0.4, 0.1, None], ["0.4", "0.1", "0"])],
+)
+def test_a_mark_is_three_numbers_on_the_table(mark, sentence):
     widget = MarkAction(table(), ACTION)
-    with pytest.raises(traitlets.TraitError, match="outside the table"):
+    with pytest.raises(traitlets.TraitError, match=sentence):
         widget.place = mark
     assert widget.action == ACTION
-
-
-@pytest.mark.parametrize("mark", [[0.4], [0.4, 0.1, math.nan], [0.4, 0.1, None], ["0.4", "0.1", "0"]])
-def test_a_mark_is_three_numbers(mark):
-    widget = MarkAction(table())
-    with pytest.raises(traitlets.TraitError, match="pick must be"):
-        widget.pick = mark
 
 
 def test_keep_hands_the_action_over_once():
@@ -103,12 +94,9 @@ def test_a_refusal_is_shown():
     assert not widget.is_kept
 
 
-def test_a_stored_copy_says_what_to_do():
+def test_a_stored_copy_says_what_to_do_and_a_still_picture_shows_both_marks_and_the_sentence():
     bundle, _ = MarkAction(table())._repr_mimebundle_()
     assert "live notebook" in bundle["text/plain"]
-
-
-def test_a_still_picture_shows_both_marks_and_the_sentence():
     figure = show_marked(table(), ACTION, SENTENCE)
     assert figure.get_suptitle() == f'"{SENTENCE}"'
     (legend,) = figure.legends

@@ -6,12 +6,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
-from drawings import plot_pick, plot_place, plot_results
+from drawings import pictures, plot_pick, plot_place, plot_results
 from failures import Failure
 from PIL import Image
 
 from gem_lite.actions import PickPlace
-from gem_lite.drawing import pictures
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import RGBD, Sample
@@ -98,7 +97,8 @@ def test_the_rule_is_outlined_and_both_picks_are_in_sight():
         for pose in (other, POSE):
             row, col = W.to_pixel(pose.x, pose.y)
             assert ax.get_xlim()[0] < col < ax.get_xlim()[1] and ax.get_ylim()[1] < row < ax.get_ylim()[0]
-    assert [text.get_text() for text in above.get_legend().get_texts()] == ["without the rule", "with the rule"]
+    labels = [text.get_text() for text in below.get_legend().get_texts()]
+    assert labels == ["allowed cells", "without the rule", "with the rule"]
 
 
 def test_losses_are_smoothed_and_have_a_colour_for_each_method():
@@ -120,14 +120,6 @@ def test_samples_show_recoloured_picture_and_true_map():
     pictures = [ax.images[0].get_array() for ax in fig.axes]
     assert np.allclose(pictures[0][5, 7], [0.7, 0.2, 0.2]) and pictures[-1][5, 7] == 1
     assert fig.axes[0].lines[0].get_xydata().tolist() == [[7, 5]]
-
-
-def test_success_draws_a_panel_each_with_its_intervals():
-    one, two = cells(50, 90)
-    fig = plot_results.show_success({"seen": {"gem": {1: one, 10: two}}, "unseen": {"gem": {10: one}}})
-    assert [ax.get_title() for ax in fig.axes] == ["seen", "unseen"]
-    means = fig.axes[0].containers[0].lines[0].get_ydata()
-    assert list(means) == [50, 90]
 
 
 def test_cells_are_dots_in_the_given_order():

@@ -20,7 +20,7 @@ from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
 
-FACTS = {"world": "home", "split": "test", "start": 0, **results.facts_of(None, LITE)}
+FACTS = {"world": "home", "split": "test", "start": 0, **results.policy_entries(None, LITE)}
 FACTS |= {"demos": 10, "seed": 0, "steps": LITE.steps, "checkpoint_sha256": "a", "train_cpu_seconds": 100.0}
 
 

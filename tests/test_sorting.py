@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pose_errors
 import pytest
 import torch
 from drawings import plot_mobile
@@ -153,14 +154,14 @@ def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
     task, path = "object-sorting-seen", results.results_file("object-sorting-seen")
     found = played([1.0] * 12, [1.0] * 5 + [0.0] * 7)
     facts = {"tables": 2, "world": "home", "split": "test", "start": 0}
-    facts |= results.facts_of(None, LITE) | {"train_cpu_seconds": 9.0}
+    facts |= results.policy_entries(None, LITE) | {"train_cpu_seconds": 9.0}
     results.file_rows(evaluate.rows_of("gem", task, found, facts), path, table_poses.IDENTITY)
-    score = table_poses.score(task, OFF)
+    score = pose_errors.score(task, OFF)
     assert score.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and score.mean == pytest.approx(41.7)
     with pytest.raises(LookupError, match=r"no row with .*poses truth.* There are: .*poses tags, shift 0\.02"):
-        table_poses.score(task, Condition("truth"))
+        pose_errors.score(task, Condition("truth"))
     with pytest.raises(LookupError, match=r"no row with .*world shadows"):
-        table_poses.score(task, OFF, world="shadows")
+        pose_errors.score(task, OFF, world="shadows")
     with pytest.raises(ValueError, match=r"holds a row over 12 episodes .*shift 0\.02"):
         short = evaluate.rows_of("gem", task, found[-3:], facts)
         results.file_rows(short, path, table_poses.IDENTITY)

@@ -36,9 +36,9 @@ def sleep(job):
     return []
 
 
-def run(episodes, job=Job, processes=1):
-    jobs = [job(part) for part in workers.chunks(0, episodes)]
-    return workers.run_jobs(run_and_be_killed, jobs, float, "test", processes)
+def run(episodes, processes=1):
+    jobs = [Job(part) for part in workers.chunks(0, episodes)]
+    return workers.run_jobs(run_and_be_killed, jobs, "test", float, processes)
 
 
 def test_outcomes_come_in_the_order_of_the_jobs():
@@ -80,7 +80,7 @@ from pathlib import Path
 from gem_lite.evaluation import workers
 import test_workers
 if __name__ == "__main__":
-    workers.run_jobs(test_workers.sleep, [test_workers.Job([0], Path({str(started)!r}))], float, "test", 1)
+    workers.run_jobs(test_workers.sleep, [test_workers.Job([0], Path({str(started)!r}))], "test", float, 1)
 """
     script = tmp_path / "script.py"
     script.write_text(code)

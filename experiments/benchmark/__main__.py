@@ -5,19 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import gallery as stories
-import whole_benchmark
-import yaml
-from drawings import plot_benchmark
-from tqdm import tqdm
-
-from experiments.benchmark import page as results_page
-from experiments.benchmark import plan, scaling
-from experiments.benchmark.tables import arranged, markdown
 from gem_lite.cli import base
-from gem_lite.evaluation import results, summaries
-from gem_lite.foundations.files import write_atomically
-from gem_lite.tasks import PAPER
 
 SCALED = ((10, 100), (10, 20, 100))
 """The numbers of demonstrations of the pictures of Fig. A5: few tasks are measured with 20."""
@@ -28,7 +16,13 @@ def file(*paths: Path) -> None:
 
     Args:
         paths: files of rows
+
+    Examples:
+      python -m experiments.benchmark file runs/benchmark/rows/gem-align-rope.jsonl
     """
+    from experiments.benchmark import plan
+    from gem_lite.evaluation import results
+
     for path in paths:
         rows = results.read_rows(path)
         if not rows:
@@ -43,8 +37,15 @@ def page(path: Path, /) -> None:
 
     Args:
         path: the page; comments in it name the tables
+
+    Examples:
+      python -m experiments.benchmark page docs/results.md
     """
-    write_atomically(path, results_page.renewed(path.read_text(), results.stored_rows()).encode())
+    from experiments.benchmark import page
+    from gem_lite.evaluation import results
+    from gem_lite.foundations.files import write_atomically
+
+    write_atomically(path, page.renewed(path.read_text(), results.stored_rows()).encode())
     print(f"wrote {path}")
 
 
@@ -53,7 +54,19 @@ def tables(folder: Path, /) -> None:
 
     Args:
         folder: folder to write
+
+    Examples:
+      python -m experiments.benchmark tables build/tables
     """
+    import whole_benchmark
+    from drawings import plot_benchmark
+
+    from experiments.benchmark import plan, scaling
+    from experiments.benchmark.tables import arranged, markdown
+    from gem_lite.evaluation import results, summaries
+    from gem_lite.foundations.files import write_atomically
+    from gem_lite.tasks import PAPER
+
     rows = results.stored_rows()
     if not rows:
         raise ValueError("no rows are filed: measure some with the Snakefile")
@@ -74,7 +87,15 @@ def tables(folder: Path, /) -> None:
 
 
 def settings(*, clip: base.Clip = None) -> None:
-    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml."""
+    """Print what the rows of the search and of the experts decide: the entries settings and skipped of plan.yaml.
+
+    Examples:
+      python -m experiments.benchmark settings
+    """
+    import yaml
+
+    from experiments.benchmark import plan
+
     whole = plan.Plan.load(clip)
     search = whole.search()
     experts = [cell for cell in whole.tier("experts") if cell.method == "expert"]
@@ -87,15 +108,25 @@ def settings(*, clip: base.Clip = None) -> None:
     print(yaml.safe_dump({"settings": chosen, "skipped": skipped}, default_flow_style=None, sort_keys=False))
 
 
-def gallery(path: Path, /, *, tasks: tuple[str, ...] = PAPER) -> None:
+def gallery(path: Path, /, *, tasks: tuple[str, ...] = ()) -> None:
     """Let the expert play the first test episode of tasks, and draw their first and last pictures (Fig. A10).
 
     Args:
         path: picture to write
         tasks: names of the tasks (without it: the paper's eighteen)
+
+    Examples:
+      python -m experiments.benchmark gallery build/gallery.png
     """
+    from drawings import plot_benchmark
+    from gallery import stories
+    from tqdm import tqdm
+
+    from gem_lite.tasks import PAPER
+
+    names = tasks or PAPER
     path.parent.mkdir(parents=True, exist_ok=True)  # refused here, not after all episodes
-    played = list(tqdm(stories.stories(tasks), "episodes", len(tasks), unit="episode"))
+    played = list(tqdm(stories(names), "episodes", len(names), unit="episode"))
     plot_benchmark.show_gallery(played).savefig(path, dpi=100)
     print(f"wrote {path}; the expert scored {min(story.score for story in played):.2f} or more")
 

@@ -1,42 +1,56 @@
-"""``python -m experiments.clip_tabletop pretrain | card``: make the embedded CLIP, and measure it."""
+"""Make the embedded CLIP, and measure it."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
-from experiments.clip_tabletop import card, pretrain
-from gem_lite import clip
+from gem_lite.cli import base
 
 
-def main() -> int:
-    """Read the command line and do what it says. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.clip_tabletop", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    making = commands.add_parser("pretrain", help="train a CLIP on captions and crops that this project renders itself")
-    making.add_argument("--scenes", type=int, default=3200, help="training scenes to render (%(default)s)")
-    making.add_argument("--epochs", type=int, default=7, help="passes over the crops (%(default)s)")
-    making.add_argument("--seed", type=int, default=0, help="of scenes, captions and weights (%(default)s)")
-    making.add_argument("--out", type=Path, default=Path("runs/clip-tabletop"), help="folder to write (%(default)s)")
-    making.add_argument("--state", type=Path, default=Path("runs/pretrain_clip"), help="crops and state (%(default)s)")
-    measuring = commands.add_parser("card", help="measure a CLIP on fresh scenes and write its card (some minutes)")
-    measuring.add_argument("folder", type=Path, help="the CLIP, as `pretrain` writes it")
-    measuring.add_argument("--training-crops", type=int, required=True, help="number of crops of its training")
-    given = parser.parse_args()
-    try:
-        if given.command == "card":
-            print(card.write(given.folder, clip.load(given.folder), given.training_crops))
-        else:
-            print(pretrain.pretrain(given.out, given.state, given.scenes, given.epochs, given.seed))
-    except (OSError, ValueError) as error:
-        print(error, file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; a training goes on from its last epoch with the same command", file=sys.stderr)
-        return 130
-    return 0
+def pretrain(
+    *,
+    scenes: int = 3200,
+    epochs: int = 7,
+    seed: int = 0,
+    out: Path = Path("runs/clip-tabletop"),
+    state: Path = Path("runs/pretrain_clip"),
+) -> None:
+    """Train a CLIP on captions and crops that this project renders itself.
 
+    Args:
+        scenes: number of training scenes to render
+        epochs: number of passes over the crops
+        seed: seed of scenes, captions and weights
+        out: folder to write
+        state: folder for the crops and for the state to resume from
+
+    Examples:
+      python -m experiments.clip_tabletop pretrain
+    """
+    from experiments.clip_tabletop import pretrain as training
+
+    with base.continues(f"the last epoch in {state}"):
+        print(training.pretrain(out, state, scenes, epochs, seed))
+
+
+def card(folder: Path, /, *, training_crops: int) -> None:
+    """Measure a CLIP on fresh scenes, and write its card.
+
+    Args:
+        folder: the CLIP, as pretrain writes it
+        training_crops: number of crops of its training
+
+    Examples:
+      python -m experiments.clip_tabletop card data/clip-tabletop --training-crops 806689
+    """
+    from experiments.clip_tabletop import card as measuring
+    from gem_lite import clip
+
+    print(measuring.write(folder, clip.load(folder), training_crops))
+
+
+APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(base.run(APP))

@@ -41,7 +41,7 @@ class Label:
 
 
 @dataclass
-class Scene:
+class LabelledScene:
     """The bodies of a scene.
 
     Attributes:
@@ -76,7 +76,7 @@ class Builder:
     free: FreeSpace
     kind: Kind
     rng: np.random.Generator
-    scene: Scene
+    scene: LabelledScene
 
     def color(self, noun: str) -> tuple[int, tuple[float, ...]]:
         """A colour for a noun: its index (-1: unnamed) and an RGBA value."""

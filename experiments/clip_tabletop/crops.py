@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import multiprocessing
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 import pybullet as p
 from scipy.spatial.transform import Rotation
-from tqdm import tqdm
 
 from experiments.clip_tabletop import vocabulary
-from experiments.clip_tabletop.scenes import NOUN_NAMES, Kind, Scene, lay_out
+from experiments.clip_tabletop.scenes import NOUN_NAMES, Kind, LabelledScene, lay_out
+from gem_lite.evaluation import workers
 from gem_lite.rgbd.camera import Camera, as_pose
 from gem_lite.rgbd.heightmap import fuse_views, sort_points
 from gem_lite.se2 import Workspace
@@ -32,10 +32,8 @@ SIDE_PATCH = (30, 62)
 """Side lengths (pixels) of crops from camera views; the maps use 40."""
 TOP_PATCH = (0.09, 0.15)
 """Side lengths (metres) of crops from the height map; the maps use 0.125."""
-CHUNK = 4
-"""Scenes that a process gets at once."""
 SCENES_PER_PROCESS = 160
-"""A new process takes over after this number of scenes."""
+"""New processes take over after this number of scenes for each: PyBullet keeps some memory of every scene."""
 PART_KEYS = tuple(vocabulary.PARTS)
 
 
@@ -106,8 +104,9 @@ def render_scene(rng: np.random.Generator, kind: Kind) -> list[tuple]:
 
 
 def _cut_crops(
-    image: np.ndarray, ids: np.ndarray, scene: Scene, sides: tuple[int, int], least: int, rng: np.random.Generator
-) -> list[tuple]:
+    image: np.ndarray, ids: np.ndarray, scene: LabelledScene, sides: tuple[int, int], least: int,
+    rng: np.random.Generator,
+) -> list[tuple]:  # fmt: skip
     """For each body, cut three patches anywhere on it and a crop that frames it; also cut some of the table."""
     bodies = scene.grouped(np.where(ids >= 0, ids & 0xFFFFFF, -1))
     crops = []
@@ -144,7 +143,7 @@ def _window(side: int) -> np.ndarray:
     return profile[:, None] * profile
 
 
-def _label(bodies: np.ndarray, links: np.ndarray, scene: Scene) -> tuple[int, int, int] | None:
+def _label(bodies: np.ndarray, links: np.ndarray, scene: LabelledScene) -> tuple[int, int, int] | None:
     """Colour, shape and part of the body that fills most of a crop, weighted to its middle. None if it is ambiguous."""
     weight = _window(len(bodies))
     present, inverse = np.unique(bodies, return_inverse=True)
@@ -174,9 +173,18 @@ def _resized(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image, (IMAGE_SIZE, IMAGE_SIZE), interpolation=method)
 
 
-def _render_indexed(job: tuple[int, int, Kind]) -> list[tuple]:
-    seed, index, kind = job
-    return render_scene(np.random.default_rng((seed, index)), kind)
+@dataclass(frozen=True)
+class Job:
+    """A few scenes for one process."""
+
+    seed: int
+    kind: Kind
+    indices: Sequence[int]
+
+
+def run_job(job: Job) -> list[tuple]:
+    """The crops of a job's scenes, see `render_scene`."""
+    return [crop for index in job.indices for crop in render_scene(np.random.default_rng((job.seed, index)), job.kind)]
 
 
 def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
@@ -185,14 +193,15 @@ def render_crops(scenes: int, seed: int, kind: Kind = "training") -> Crops:
     Args:
         kind: "training"; "test" has other variants of the objects; in "held-out" half the bodies are of
             pairs that training never shows; in "foreign" half are pybullet_data's own mug and duck.
+
+    Raises:
+        ChildProcessError: a process was killed, see `workers.run_jobs`.
     """
-    jobs = [(seed, index, kind) for index in range(scenes)]
-    # PyBullet keeps some memory of every scene, so each process renders a limited number of them.
-    with multiprocessing.get_context("spawn").Pool(
-        os.cpu_count(), maxtasksperchild=SCENES_PER_PROCESS // CHUNK
-    ) as pool:
-        parts = tqdm(pool.imap(_render_indexed, jobs, chunksize=CHUNK), f"rendering ({kind})", scenes, unit="scene")
-        rows = [row for part in parts for row in part]
+    rows = []
+    at_once = SCENES_PER_PROCESS * (os.cpu_count() or 1)
+    for first in range(0, scenes, at_once):
+        jobs = [Job(seed, kind, part) for part in workers.chunks(first, min(at_once, scenes - first))]
+        rows += workers.run_jobs(run_job, jobs, f"rendering ({kind}), from scene {first}", unit="scene")
     images, color, shape, part, whole = zip(*rows, strict=True)
     return Crops(np.stack(images), np.array(color), np.array(shape), np.array(part), np.array(whole))
 
@@ -204,7 +213,7 @@ def rendered_crops(run: Path, scenes: int, seed: int, kind: Kind = "training") -
     cameras or light, old crops are not used.
     """
     first_scene = hashlib.sha256()
-    for image, *label in _render_indexed((seed, 0, kind)):
+    for image, *label in run_job(Job(seed, kind, [0])):
         first_scene.update(image.tobytes() + repr(label).encode())
     cache = run / f"crops-{kind}-{scenes}-{seed}-{first_scene.hexdigest()[:12]}"
     if (cache / "images.npy").exists():

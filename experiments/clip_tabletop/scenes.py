@@ -15,7 +15,7 @@ from experiments.clip_tabletop.bodies import (
     Builder,
     Kind,
     Label,
-    Scene,
+    LabelledScene,
     add,
     fill,
     jittered,
@@ -163,10 +163,10 @@ def _background(client: int, rng: np.random.Generator) -> None:
     p.createMultiBody(0, -1, floor, (0.5, 0, -0.1), physicsClientId=client)
 
 
-def lay_out(client: int, workspace: Workspace, kind: Kind, rng: np.random.Generator) -> Scene:
+def lay_out(client: int, workspace: Workspace, kind: Kind, rng: np.random.Generator) -> LabelledScene:
     """Fill the table."""
     _background(client, rng)
-    build = Builder(client, FreeSpace(workspace, rng, gap=0.004), kind, rng, Scene())
+    build = Builder(client, FreeSpace(workspace, rng, gap=0.004), kind, rng, LabelledScene())
     if rng.random() < STRUCTURES:
         functions, shares = zip(*_BUILDERS, strict=True)
         functions[int(rng.choice(len(functions), p=shares))](build)

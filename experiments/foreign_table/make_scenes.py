@@ -18,6 +18,12 @@ DEPTH_SCALE = 0.001
 """Metres of one step of a depth picture."""
 
 
+def write_all(folder: Path) -> None:
+    """Render all tables."""
+    for name in tables.LOOKS:
+        write(name, folder / name)
+
+
 def write(name: str, folder: Path) -> None:
     """Render a table and write its folder."""
     folder.mkdir(parents=True, exist_ok=True)

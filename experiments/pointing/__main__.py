@@ -1,44 +1,54 @@
-"""Play the pointing game with every kind of semantic map: python -m experiments.pointing --help."""
+"""Play the pointing game with every kind of semantic map."""
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
+from typing import Literal
 
-from pointing import KINDS
-
-from experiments.pointing.measure import PACKING, measure_packing, measure_scenes
-from gem_lite import tasks
-from gem_lite.cli.results import described_pointing
-from gem_lite.evaluation import results
+from gem_lite.cli import base
 
 
-def main() -> None:
-    """Read the command line and measure."""
-    parser = argparse.ArgumentParser("experiments.pointing", description=__doc__.partition(":")[0])
-    parser.add_argument("--scenes", type=int, default=200, help="scenes of a kind, or episodes (%(default)s)")
-    parser.add_argument("--kind", choices=KINDS, help="kind of the scenes (without it: both)")
-    parser.add_argument("--task", choices=PACKING, help="its test episodes, with the text-conditioned map alone")
-    parser.add_argument("--clip", help="Hugging Face name or folder of a CLIP (without it: the embedded one)")
-    parser.add_argument("--out", type=Path, help="file of rows (without it: in runs/results)")
-    arguments = parser.parse_args()
-    if arguments.scenes < 1:
-        parser.error(f"--scenes must be at least 1, got {arguments.scenes}")
-    try:
-        if arguments.task:
-            path = arguments.out or results.RUNS / f"{tasks.family(arguments.task)}.jsonl"
-            row = measure_packing(arguments.task, arguments.scenes, path, arguments.clip)
-            print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
-        else:
-            path = arguments.out or results.RUNS / "pointing.jsonl"
-            for kind in [arguments.kind] if arguments.kind else KINDS:
-                for row in measure_scenes(kind, arguments.scenes, path, arguments.clip):
-                    print(described_pointing(row))
-        print(f"the rows are in {path}")
-    except (OSError, ValueError) as error:
-        sys.exit(" ".join(str(error).split()))
+def play(
+    *,
+    scenes: int = 200,
+    kind: Literal["bowls", "shapes"] | None = None,
+    task: Literal["packing-shapes-seen", "packing-shapes-unseen"] | None = None,
+    clip: base.Clip = None,
+    out: base.Out = None,
+) -> None:
+    """Play the pointing game with every kind of semantic map, and file the rows.
 
+    Args:
+        scenes: number of scenes of a kind, or of episodes
+        kind: kind of the scenes (without it: both)
+        task: play its test episodes instead, with the text-conditioned map alone
+
+    Examples:
+      python -m experiments.pointing
+      python -m experiments.pointing --scenes 100 --task packing-shapes-unseen
+    """
+    from pointing import KINDS
+
+    from experiments.pointing import measure
+    from gem_lite import tasks
+    from gem_lite.cli.results import described_pointing
+    from gem_lite.evaluation import results
+
+    if scenes < 1:
+        raise ValueError(f"scenes must be at least 1, got {scenes}")
+    path = results.output(False, out, tasks.family(task) if task else "pointing")
+    if task:
+        row = measure.measure_packing(task, scenes, path, clip)
+        print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
+    else:
+        for one in [kind] if kind else KINDS:
+            for row in measure.measure_scenes(one, scenes, path, clip):
+                print(described_pointing(row))
+    print(f"the rows are in {path}")
+
+
+APP = base.make_app("python -m experiments.pointing", None, help_epilogue=base.examples(play))
+APP.default(play)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(base.run(APP))

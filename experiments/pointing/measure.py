@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from pointing import MATCHED, NEAR, WIDE, Pointing, Scene, lay_out, lay_out_shapes, point, scene_of
+from pointing import MATCHED, NEAR, WIDE, AskedScene, Pointing, lay_out, lay_out_shapes, point, scene_of
 from tqdm import tqdm
 
 from gem_lite import clip, demonstrations, language, tasks
@@ -40,7 +40,7 @@ IDENTITY = ("kind", "scenes", "map", "world", "clip_fingerprint", "config", "con
 """The entries that identify a row of the results."""
 
 
-def lay_out_packing(world: World, task_name: str, index: int) -> Scene:
+def lay_out_packing(world: World, task_name: str, index: int) -> AskedScene:
     """Test episode ``index`` of one of the `PACKING` tasks, as it begins; its question is the pick's phrase."""
     task = tasks.make(task_name, "test")
     seed = tasks.episode_seed("test", index)
@@ -89,7 +89,7 @@ def maps(
     return {name: semantic for name, semantic in by_name.items() if semantic is not None}
 
 
-def play_scene(scene: Scene, model: Clip, memory: CropMemory | None) -> list[Pointing]:
+def play_scene(scene: AskedScene, model: Clip, memory: CropMemory | None) -> list[Pointing]:
     """Let every map answer every question of a scene, which is embedded once for each size of patches."""
     embedding = semantic_map.embed_scene(scene.views, model, LITE)
     wide = semantic_map.embed_scene(scene.views, model, LITE.ablated(f"with-{WIDE}"))
@@ -138,7 +138,7 @@ def play(
     _ = clip.load(clip_name).calibration  # Calibrated here, so that not every worker has to do it.
     seeds = scene_seeds(scenes)
     jobs = [Job(kind, [seeds[i] for i in chunk], clip_name, memory) for chunk in workers.chunks(0, scenes)]
-    return workers.run_jobs(run_job, jobs, lambda pointing: float(pointing.near), f"pointing, {kind}", processes)
+    return workers.run_jobs(run_job, jobs, f"pointing, {kind}", lambda pointing: float(pointing.near), processes)
 
 
 def demonstrated_crops(kind: str, model: Clip) -> CropMemory:
@@ -221,7 +221,7 @@ def measure_scenes(kind: str, scenes: int, path: Path, clip_name: str | None = N
 def measure_packing(task_name: str, episodes: int, path: Path, clip_name: str | None = None) -> dict:
     """`play_packing` and file its row in ``path``. Errors are those of `measure_scenes`."""
     model = clip.load(clip_name)
-    facts = {**results.facts_of(None, LITE), "clip": model.name, "clip_fingerprint": model.fingerprint}
+    facts = {**results.policy_entries(None, LITE), "clip": model.name, "clip_fingerprint": model.fingerprint}
     facts |= {"world": "home", "split": "test", "start": 0, "skipped": []}
     expected = {"method": METHOD, "task": task_name, "subset": "all", **facts, "episodes": episodes}
     results.check_rows([expected], path)

@@ -1,40 +1,54 @@
-"""How often a policy succeeds when its cameras err: python -m experiments.sensor_noise --help."""
+"""How often does a policy succeed when its cameras err?"""
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
-import torch
-from sensor_errors import KINDS
-
-from experiments.sensor_noise.curves import measure
-from gem_lite import clip
-from gem_lite.evaluation import results
-
-ALL = ("none", "all", *KINDS)
+from gem_lite.cli import base
+from gem_lite.foundations.files import DATA
 
 
-def main() -> None:
-    """Read the command line and measure."""
-    parser = argparse.ArgumentParser("experiments.sensor_noise", description=__doc__.partition(":")[0])
-    shipped, rows = clip.DATA / "gem-put-block-in-bowl.safetensors", results.RUNS / "sensor-errors.jsonl"
-    parser.add_argument("--checkpoint", type=Path, default=shipped, help="policy to measure (%(default)s)")
-    parser.add_argument("--task", default="put-block-in-bowl-seen-colors", help="name of the task (%(default)s)")
-    parser.add_argument("--split", default="test", choices=("train", "val", "test"), help="of the episodes (test)")
-    parser.add_argument("--world", default="home", help="looks of the world (%(default)s)")
-    parser.add_argument("--episodes", type=int, default=30, help="episodes of a cell, from 0 on (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the errors (%(default)s)")
-    parser.add_argument("--out", type=Path, default=rows, help="file of rows (%(default)s)")
-    parser.add_argument("--kinds", nargs="+", metavar="KIND", choices=ALL, default=ALL, help=f"of {', '.join(ALL)}")
-    arguments = vars(parser.parse_args())
+def measure(
+    *,
+    checkpoint: Path = DATA / "gem-put-block-in-bowl.safetensors",
+    task: str = "put-block-in-bowl-seen-colors",
+    split: base.Split = "test",
+    world: base.World = "home",
+    episodes: int = 30,
+    seed: int = 0,
+    kinds: tuple[str, ...] = (),
+    out: base.Out = None,
+) -> None:
+    """Measure a policy on what erring cameras show, for each kind and size of error.
+
+    Points that the file of rows holds already are skipped.
+
+    Args:
+        checkpoint: policy to measure
+        task: name of the task
+        episodes: number of episodes of each point, from 0 on
+        seed: seed of the errors
+        kinds: kinds of errors: none, all, disparity, holes, edges, rotation, position, color, quantisation (without
+            it: every kind)
+
+    Examples:
+      python -m experiments.sensor_noise
+      python -m experiments.sensor_noise --kinds rotation --episodes 5
+    """
+    import torch
+
+    from experiments.sensor_noise import curves
+    from gem_lite.evaluation import results
+
     torch.set_num_threads(1)
-    try:
-        measure(**arguments)
-    except (OSError, ValueError) as error:
-        sys.exit(" ".join(str(error).split()))
+    path = results.output(False, out, "sensor-errors")
+    with base.continues(f"the rows in {path}"):
+        curves.measure(checkpoint, task, split, world, episodes, seed, path, kinds)
 
+
+APP = base.make_app("python -m experiments.sensor_noise", None, help_epilogue=base.examples(measure))
+APP.default(measure)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(base.run(APP))

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from gem_lite import clip, tasks
 from gem_lite.evaluation import actors, evaluate, results
 from gem_lite.evaluation.results import Episode
-from gem_lite.evaluation.rollout import Actor, Decision, Observations
+from gem_lite.evaluation.rollout import Actor, Chosen, Observations
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import levelling
@@ -95,7 +95,7 @@ def erring_actor(policy: Policy, cell: Cell, seed: int, index: int) -> Actor:
 
     def actor(
         environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]
-    ) -> Decision | None:  # fmt: skip
+    ) -> Chosen | None:  # fmt: skip
         nonlocal units
         (observation,) = observations
         units = units or draw_units(observation, cell.errors, unit_rng)
@@ -128,20 +128,27 @@ def measure(
     Args:
         episodes: of each cell, from 0 on.
         seed: of the errors.
-        kinds: among none, all and `KINDS`.
+        kinds: among none, all and `KINDS`; empty for every kind.
+
+    Raises:
+        ValueError: there is no episode, a kind or the world is unknown, or the policy was trained for another table.
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
+    known = ("none", "all", *KINDS)
+    unknown = [kind for kind in kinds if kind not in known]
+    if unknown:
+        raise ValueError(f"kinds must be of {', '.join(known)}, got {', '.join(unknown)}")
     policy = load_policy(checkpoint, clip.load())
     trained, asked = (one.workspace.length for one in (policy.config, tasks.make(task, split)))
     if trained != asked:
         raise ValueError(
             f"the checkpoint {checkpoint} was trained for a table {trained} m long; the task's is {asked} m"
         )
-    facts = {"method": policy.name, "task": task, **results.facts_of(read_card(checkpoint), policy.config)}
+    facts = {"method": policy.name, "task": task, **results.policy_entries(read_card(checkpoint), policy.config)}
     facts |= {"world": world, "split": split, "start": 0, "error_seed": seed}
     rows = results.read_rows(out)
-    chosen = [cell for cell in cells() if cell.kind in kinds]
+    chosen = [cell for cell in cells() if not kinds or cell.kind in kinds]
     missing = [cell for cell in chosen if not is_done(cell, facts, rows, episodes)]
     print(f"{len(chosen) - len(missing)} of {len(chosen)} cells are in {out}")
     with World(style=looks.style(world)) as home, tqdm(total=len(missing) * episodes, unit="episode") as bar:

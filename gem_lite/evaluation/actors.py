@@ -9,7 +9,7 @@ import numpy as np
 
 from gem_lite.actions import Action, ExpertAction, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.evaluation.rollout import Actor, Decision, Observations
+from gem_lite.evaluation.rollout import Actor, Chosen, Observations
 from gem_lite.policies.base import Policy
 from gem_lite.se2 import Pose2, angle_bins
 from gem_lite.simulation.environment import Environment
@@ -25,13 +25,13 @@ def expert(environment: Environment, _: Observations = (), __: Sequence[Pose2] =
     return environment.task.expert(environment)
 
 
-def rounded_expert(settings: Config) -> Actor:
+def rounded_expert(config: Config) -> Actor:
     """The expert with its action rounded to a configuration's pixels and angles: the best that a policy can do."""
-    workspace = settings.workspace
-    bins = angle_bins(settings.angles)
+    workspace = config.workspace
+    bins = angle_bins(config.angles)
 
     def rounded_angle(angle: float) -> float:
-        return float(bins[round(angle / (2 * np.pi / settings.angles)) % settings.angles])
+        return float(bins[round(angle / (2 * np.pi / config.angles)) % config.angles])
 
     def rounded_pose(pose: Pose2, yaw: float) -> Pose2:
         return Pose2(*workspace.to_world(*workspace.nearest_cell(pose.x, pose.y)), yaw)
@@ -49,11 +49,11 @@ def rounded_expert(settings: Config) -> Actor:
     return actor
 
 
-def random_actor(settings: Config, seed: int) -> Actor:
+def random_actor(config: Config, seed: int) -> Actor:
     """An action that the tool can do, between uniformly random pixels and angles of the first table."""
     rng = np.random.default_rng(seed)
-    workspace = settings.workspace
-    bins = angle_bins(settings.angles)
+    workspace = config.workspace
+    bins = angle_bins(config.angles)
 
     def pose() -> Pose2:
         cell = [rng.integers(length) for length in workspace.shape]
@@ -69,7 +69,7 @@ def random_actor(settings: Config, seed: int) -> Actor:
 def policy_actor(policy: Policy) -> Actor:
     """A policy as an actor. It gets only the camera views, the sentence and the empty picks."""
 
-    def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Decision:
+    def actor(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Chosen:
         sentence = environment.task.instruction
         if len(observations) > 1:
             return policy.decide_over(observations, sentence, empty_picks)

@@ -13,7 +13,7 @@ from gem_lite.config import Config
 from gem_lite.evaluation import actors, results, table_poses, workers
 from gem_lite.evaluation.actors import LITE, SCRIPTED
 from gem_lite.evaluation.results import Episode
-from gem_lite.evaluation.rollout import Actor, Decision, Observations, rollout
+from gem_lite.evaluation.rollout import Actor, Chosen, Observations, rollout
 from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
@@ -59,7 +59,7 @@ class Measurement:
     conditions: Sequence[Condition] = ()
 
     @property
-    def settings(self) -> Config:
+    def config(self) -> Config:
         """The preset on the task's table."""
         return Config.preset(self.preset).on_table(tasks.make(self.task, self.split).workspace.length)
 
@@ -85,9 +85,9 @@ class Measurement:
             case "expert":
                 return actors.expert
             case "expert-rounded":
-                return actors.rounded_expert(self.settings)
+                return actors.rounded_expert(self.config)
             case "random":
-                return actors.random_actor(self.settings, seed)
+                return actors.random_actor(self.config, seed)
         try:
             methods.canonical(self.method)
         except ValueError as error:
@@ -113,9 +113,10 @@ class Measurement:
                 episode to skip, a task without several tables, or a method that cannot choose over them.
             FileNotFoundError: no such checkpoint.
         """
-        # Both refuse what is wrong; their results are made again where they are used.
+        # These refuse what is wrong; their results are made again where they are used.
         workers.chunks(self.start, self.episodes, self.skip)
         looks.style(self.world)
+        tasks.make(self.task, self.split)
         if self.conditions:
             if self.tables < 1:
                 raise ValueError(f"tables must be at least 1, got {self.tables}")
@@ -179,9 +180,9 @@ def run_conditions(
     world: MobileWorld, actor: Actor, task_name: str, split: tasks.Split, index: int, conditions: Sequence[Condition]
 ) -> list[Episode]:
     """An episode under each condition. The first action is chosen once: the robot is in no picture before it."""
-    chosen: list[tuple[Observations, Decision | None]] = []
+    chosen: list[tuple[Observations, Chosen | None]] = []
 
-    def choose(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Decision | None:
+    def choose(environment: Environment, observations: Observations, empty_picks: Sequence[Pose2]) -> Chosen | None:
         if environment.steps_taken:
             return actor(environment, observations, empty_picks)
         if not chosen:
@@ -213,7 +214,7 @@ def evaluate(measurement: Measurement, processes: int | None = None) -> list[Epi
     style = looks.style(measurement.world)
     jobs = [Job(measurement, style, part) for part in measurement.parts]
     label = f"{measurement.method} on {measurement.task}"
-    return workers.run_jobs(run_job, jobs, lambda episode: episode.reward, label, processes)
+    return workers.run_jobs(run_job, jobs, label, lambda episode: episode.reward, processes)
 
 
 def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dict) -> list[dict]:
@@ -223,7 +224,7 @@ def rows_of(method: str, task_name: str, episodes: Sequence[Episode], facts: dic
     occurs.
 
     Args:
-        facts: the other entries that identify a row, see `results.facts_of`.
+        facts: the other entries that identify a row, see `results.policy_entries`.
     """
     conditions = dict.fromkeys(episode.condition for episode in episodes)
     if None not in conditions:
@@ -267,11 +268,11 @@ def measure_and_file(
         kinds = [{"subset": "all"}]
     method = m.method
     if method in SCRIPTED:
-        facts |= results.facts_of(None, None if method == "expert" else m.settings)
+        facts |= results.policy_entries(None, None if method == "expert" else m.config)
     else:
         method = methods.canonical(method)
         config = m.acting_config
-        facts |= results.facts_of(read_card(m.checkpoint), config)
+        facts |= results.policy_entries(read_card(m.checkpoint), config)
     names = {"method": method, "task": m.task, "episodes": m.episodes, **facts}
     results.check_rows([names | kind for kind in kinds], path, identity)  # Before hours of measuring, not after them.
     episodes = evaluate(m, processes)

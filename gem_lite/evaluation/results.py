@@ -74,21 +74,21 @@ class Episode:
 # Writing
 
 
-def facts_of(card: dict | None, settings: Config | None) -> dict:
+def policy_entries(card: dict | None, config: Config | None) -> dict:
     """The entries of a row that describe the policy. A value is None where it does not apply.
 
     Args:
         card: of the checkpoint (`checkpoints.read_card`); None if nothing was trained.
-        settings: the configuration; None if the method does not depend on one.
+        config: the configuration; None if the method does not depend on one.
     """
     entries = card or {}
     model = entries.get("clip", {})
     return {
         **{name: entries.get(name) for name in CARD_ENTRIES},
-        "steps": settings.steps if settings and card else None,
-        "learning_rate": settings.learning_rate if settings and card else None,
-        "config": settings.name if settings else None,
-        "config_hash": settings.digest if settings else None,
+        "steps": config.steps if config and card else None,
+        "learning_rate": config.learning_rate if config and card else None,
+        "config": config.name if config else None,
+        "config_hash": config.digest if config else None,
         "clip": model.get("name"),
         "clip_fingerprint": model.get("fingerprint"),
         "checkpoint_sha256": entries.get("sha256"),
@@ -106,7 +106,7 @@ def reward_entries(rewards: dict[int, float]) -> dict:
 
 
 def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset: str, facts: dict) -> dict:
-    """One row. ``facts`` holds the other entries that identify it, see `facts_of`; without ``skipped``, none was.
+    """One row. ``facts`` holds the other entries that identify it, see `policy_entries`; without ``skipped``, none was.
 
     ``placed_decisions`` counts the actions that were chosen while a body already lay where the sentences want it.
     ``retaken`` counts those of them that picked such a body.

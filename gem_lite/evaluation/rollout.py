@@ -14,8 +14,9 @@ from gem_lite.simulation.environment import Environment, Step, body_at
 from gem_lite.tasks.task import Task
 
 Observations = tuple[Observation, ...]
-Decision = Action | ExpertAction | Choice | TablesChoice
-Actor = Callable[[Environment, Observations, Sequence[Pose2]], Decision | None]
+Chosen = Action | ExpertAction | Choice | TablesChoice
+"""What an actor returns: an action, alone or with the reasons for it."""
+Actor = Callable[[Environment, Observations, Sequence[Pose2]], Chosen | None]
 """Chooses an action from the environment, the observations and the empty picks; None ends the episode.
 
 Empty picks are the poses at which the tool has grasped nothing since it last held something. Only experts read the
@@ -38,7 +39,7 @@ class Turn:
 
     observations: Observations
     instruction: str
-    decision: Decision
+    decision: Chosen
     placed: set[int]
     picked: int | None
     result: Step

@@ -112,13 +112,16 @@ def seed_half_width(*methods: np.ndarray) -> float:
     return float(stats.t.ppf(1 - TAIL, degrees) * np.sqrt(variances.sum()))
 
 
-def _check(rewards: ArrayLike) -> np.ndarray:
+def _checked(name: str, rewards: ArrayLike) -> np.ndarray:
+    """The rewards of an argument, (training seeds, episodes). Raises ValueError for another shape or other values."""
     rewards = np.atleast_2d(np.asarray(rewards, float))
     if rewards.ndim != 2 or not rewards.size:
         raise ValueError(
-            "rewards must be of the shape (episodes,) or (training seeds, episodes) and not empty, "
+            f"{name} must be of the shape (episodes,) or (training seeds, episodes) and not empty, "
             f"got the shape {rewards.shape}"
         )
+    if not (rewards.min() >= 0 and rewards.max() <= 1):  # NaN is refused as well
+        raise ValueError(f"{name} must lie in [0, 1], got {rewards.min()} to {rewards.max()}")
     return rewards
 
 
@@ -149,7 +152,7 @@ def mean_and_interval(rewards: ArrayLike) -> tuple[float, tuple[float, float]]:
     Raises:
         ValueError: ``rewards`` has another shape, is empty or lies outside [0, 1].
     """
-    rewards = _check(rewards)
+    rewards = _checked("rewards", rewards)
     mean = float(rewards.mean())
     low, high = widened(mean, bounded_interval(rewards.mean(axis=0), 0.0, 1.0), seed_half_width(rewards))
     return percent(mean), (percent(max(low, 0.0)), percent(min(high, 1.0)))
@@ -191,14 +194,11 @@ def paired_difference(first: ArrayLike, second: ArrayLike) -> Difference:
     Raises:
         ValueError: a wrong shape, rewards outside [0, 1], or different numbers of episodes.
     """
-    first_rewards = _check(first)
-    second_rewards = _check(second)
+    first_rewards = _checked("first", first)
+    second_rewards = _checked("second", second)
     counts = first_rewards.shape[1], second_rewards.shape[1]
     if counts[0] != counts[1]:
         raise ValueError(f"first and second must be of the same episodes, got {counts[0]} and {counts[1]}")
-    for name, rewards in (("first", first_rewards), ("second", second_rewards)):
-        if not (rewards.min() >= 0 and rewards.max() <= 1):
-            raise ValueError(f"{name} must lie in [0, 1], got {rewards.min()} to {rewards.max()}")
     differences = first_rewards.mean(axis=0) - second_rewards.mean(axis=0)
     mean = float(differences.mean())
     low, high = widened(mean, bounded_interval(differences, -1.0, 1.0), seed_half_width(first_rewards, second_rewards))

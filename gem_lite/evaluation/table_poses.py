@@ -9,7 +9,6 @@ import numpy as np
 
 from gem_lite import tasks
 from gem_lite.evaluation import results
-from gem_lite.evaluation.results import Score
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import mobile_world
 from gem_lite.simulation.mobile_world import MobileWorld
@@ -54,16 +53,3 @@ CURVE = (
     *(Condition("tags", 0.0, math.radians(turn)) for turn in (2, 4, 6, 8)),
 )
 """Injected errors of the success curve."""
-
-
-def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
-    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
-
-    Raises:
-        LookupError: there is no such row, or see `results.pool`.
-    """
-    required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
-    required |= condition._asdict()
-    shown = ("tables", "world", "poses", "shift", "turn")
-    rows = results.read_rows(results.results_file(task))
-    return results.pool(results.select(rows, required, shown), identity=IDENTITY)

@@ -1,4 +1,4 @@
-"""Episodes on several processes, a few in a row on each."""
+"""Episodes or scenes on several processes, a few in a row on each."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tqdm import tqdm
 from gem_lite.foundations import registry
 
 CHUNK = 5
-"""Episodes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
+"""Episodes or scenes that one worker runs in a row; fixed, so that results do not depend on the number of cores."""
 Outcome = TypeVar("Outcome")
 
 
 class Job(Protocol):
-    """A part of the episodes: their ``indices``, and whatever else a process needs to run them."""
+    """A part of the episodes or scenes: their ``indices``, and whatever else a process needs to run them."""
 
     @property
     def indices(self) -> Sequence[int]:
-        """The indices of the episodes."""
+        """The indices of the episodes or scenes."""
 
 
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -49,8 +49,8 @@ def chunks(start: int, episodes: int, skip: Collection[int] = ()) -> list[list[i
 
 
 def run_jobs(
-    run: Callable[[AnyJob], list[Outcome]], jobs: Sequence[AnyJob], reward: Callable[[Outcome], float], label: str,
-    processes: int | None = None,
+    run: Callable[[AnyJob], list[Outcome]], jobs: Sequence[AnyJob], label: str,
+    reward: Callable[[Outcome], float] | None = None, processes: int | None = None, unit: str = "episode",
 ) -> list[Outcome]:  # fmt: skip
     """The outcomes of all jobs, in their order, with a progress bar.
 
@@ -61,13 +61,14 @@ def run_jobs(
     Args:
         run: does one job; it must be a function of a module.
         jobs: the arguments of ``run``, each for a part of the episodes.
-        reward: gives an outcome's reward, for the running mean.
         label: the progress bar's text.
+        reward: gives an outcome's reward, for the running mean; None if outcomes have no reward.
         processes: how many run at once; by default as many as there are cores.
+        unit: what an index counts.
 
     Raises:
         ChildProcessError: a process was killed, such as for lack of memory. The message names the episodes that were
-            being run; the outcomes of those before are printed.
+            being run. If outcomes have rewards, those that were complete are printed.
     """
     count = min(processes or os.cpu_count() or 1, len(jobs))
     waiting = list(enumerate(jobs))
@@ -75,7 +76,7 @@ def run_jobs(
     done: dict[int, list[Outcome]] = {}
     context = multiprocessing.get_context("spawn")
     pool = futures.ProcessPoolExecutor(count, context, _start, (registry.modules(),))
-    bar = tqdm(total=sum(len(job.indices) for job in jobs), desc=label, unit="episode")
+    bar = tqdm(total=sum(len(job.indices) for job in jobs), desc=label, unit=unit)
     with pool, bar:
         try:
             while waiting or running:
@@ -86,17 +87,21 @@ def run_jobs(
                 for future in sorted(ended, key=lambda future: future.exception() is not None):  # good ones first
                     done[running[future]] = future.result()
                     bar.update(len(jobs[running.pop(future)].indices))
-                measured = [reward(outcome) for part in done.values() for outcome in part]
-                bar.set_postfix(mean=f"{100 * np.mean(measured):.1f}")
+                if reward is not None:
+                    measured = [reward(outcome) for part in done.values() for outcome in part]
+                    bar.set_postfix(mean=f"{100 * np.mean(measured):.1f}")
         except BrokenProcessPool as error:
-            for number in sorted(done):
-                print(*done[number], sep="\n")
             lost = sorted(index for number in running.values() for index in jobs[number].indices)
-            raise ChildProcessError(
-                f"{label}: a process was killed (is the memory too small?) while the episodes "
-                f"{', '.join(map(str, lost))} were being run; nothing is filed, and the outcomes of the "
-                f"{sum(len(jobs[number].indices) for number in done)} episodes that were complete are printed"
-            ) from error
+            message = (
+                f"{label}: a process was killed (is the memory too small?) while the {unit}s "
+                f"{', '.join(map(str, lost))} were being run; nothing is filed"
+            )
+            if reward is not None:
+                for number in sorted(done):
+                    print(*done[number], sep="\n")
+                complete = sum(len(jobs[number].indices) for number in done)
+                message += f", and the outcomes of the {complete} {unit}s that were complete are printed"
+            raise ChildProcessError(message) from error
     return [outcome for number in sorted(done) for outcome in done[number]]
 
 

@@ -7,19 +7,11 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from drawings.plot_shared import action_map, draw_zoom
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gem_lite.drawing.plots import (
-    MAP_COLORS,
-    PICK_COLOR,
-    PLACE_COLOR,
-    SAFE_COLORS,
-    action_map,
-    bare,
-    draw_gripper,
-    draw_zoom,
-)
+from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare, draw_gripper
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import TablesChoice, stitch
 from gem_lite.rgbd.camera import View

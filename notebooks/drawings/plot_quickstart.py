@@ -8,22 +8,14 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
+from drawings import pictures
+from drawings.plot_shared import LEAST_LOGIT, action_map, draw_zoom
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 from gem_lite.actions import GripperState, PickPlace
-from gem_lite.drawing import pictures
-from gem_lite.drawing.plots import (
-    LEAST_LOGIT,
-    MAP_COLORS,
-    PICK_COLOR,
-    PLACE_COLOR,
-    action_map,
-    bare,
-    draw_gripper,
-    draw_zoom,
-)
+from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.policies.gem import GemChoice
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Workspace

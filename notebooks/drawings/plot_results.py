@@ -7,21 +7,13 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+from drawings.plot_shared import LEAST_LOGIT, action_map
 from failures import Failure
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from gem_lite.drawing.plots import (
-    LEAST_LOGIT,
-    MAP_COLORS,
-    OUTLINE,
-    PICK_COLOR,
-    PLACE_COLOR,
-    SAFE_COLORS,
-    action_map,
-    bare,
-)
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import Sample, to_picture
@@ -205,32 +197,6 @@ def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
         for (row, col), color, mark in ((sample.pick, PICK_COLOR, "o"), (sample.place, PLACE_COLOR, "s")):
             above.plot(col, row, mark, mfc="none", mec=color, ms=9, mew=2, path_effects=OUTLINE)
         bare(below).imshow(sample.maps["pick"][0], cmap=MAP_COLORS, vmin=0, vmax=1)
-    return fig
-
-
-def show_success(panels: dict[str, dict[str, dict[int, Score]]], title: str = "") -> Figure:
-    """Success against the number of demonstrations with 95 % intervals.
-
-    Args:
-        panels: title to method to number of demonstrations to score.
-    """
-    fig, axes = plt.subplots(1, len(panels), figsize=(4.6 * len(panels), 3.6), sharey=True, layout="constrained")
-    for ax, (name, methods) in zip(np.atleast_1d(axes), panels.items(), strict=True):
-        for number, (method, scores) in enumerate(methods.items()):
-            counts = np.array(sorted(scores), float)
-            means = np.array([scores[count].mean for count in sorted(scores)])
-            ends = np.array([scores[count].interval for count in sorted(scores)]).T
-            nudged = counts * (1 + 0.04 * (number - 1))  # so that intervals do not hide each other
-            reach = np.clip([means - ends[0], ends[1] - means], 0, None)
-            style = {"color": METHOD_COLORS.get(method), "marker": METHOD_MARKS.get(method, "o")}
-            ax.errorbar(nudged, means, reach, fmt="-", capsize=3, label=readable(method), **style)
-        ax.set(xscale="log", ylim=(-3, 103), xlabel="demonstrations", title=name)
-        ax.set_xticks([1, 5, 10, 20, 100], ["1", "5", "10", "20", "100"])
-        ax.minorticks_off()
-        ax.grid(alpha=0.3)
-    np.atleast_1d(axes)[0].set_ylabel("success (0-100)")
-    np.atleast_1d(axes)[0].legend(fontsize=8, loc="lower right")
-    fig.suptitle(title, fontsize=10)
     return fig
 
 

@@ -2,16 +2,17 @@
 
 import itertools
 import json
+import os
+import signal
 
 import numpy as np
 import pybullet as p
 import pytest
 import torch
 
-from experiments.clip_tabletop import __main__ as commands
 from experiments.clip_tabletop import bodies, card, pretrain, scenes, vocabulary
 from experiments.clip_tabletop import crops as crop_files
-from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, Scene
+from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, LabelledScene
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip
 from gem_lite.se2 import Workspace
@@ -56,6 +57,17 @@ def test_pairs_never_shown_are_composed(model):
     held = card._held_out(crops.select(crops.whole))
     assert len(held) > 100
     assert card.accuracy(model, held)["both"] >= 85
+
+
+def be_killed(job):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_killed_process_ends_the_rendering_with_the_scenes_that_it_had(monkeypatch, capsys):
+    monkeypatch.setattr(crop_files, "run_job", be_killed)
+    with pytest.raises(ChildProcessError, match=r"a process was killed .* while the scenes 0, 1 were .*filed$"):
+        crop_files.render_crops(2, 0, "test")
+    assert capsys.readouterr().out == ""
 
 
 def test_rendered_crops_are_kept_for_the_next_call(tmp_path, monkeypatch):
@@ -126,7 +138,7 @@ def test_training_never_draws_what_is_held_out():
 
 def test_a_crop_is_labelled_by_what_fills_its_middle():
     mug = NOUN_NAMES.index("mug")
-    scene = Scene({7: Label(2, mug, ("", "brim", "handle")), 8: Label(4, 0), 9: Label(-1, 1)}, ground={9})
+    scene = LabelledScene({7: Label(2, mug, ("", "brim", "handle")), 8: Label(4, 0), 9: Label(-1, 1)}, ground={9})
     bodies, links = np.full((40, 40), -1), np.zeros((40, 40), int)
     assert crop_files._label(bodies, links, scene) == (-1, -1, -1)
     bodies[10:30, 10:30] = 7
@@ -142,7 +154,7 @@ def test_a_crop_is_labelled_by_what_fills_its_middle():
 
 
 def test_a_pile_is_one_body_in_pictures():
-    scene = Scene()
+    scene = LabelledScene()
     scene.labels[3] = Label(0, 0)
     scene.labels[5] = Label(1, 2)
     scene.leader = {5: 5, 6: 5, 9: 5}
@@ -264,17 +276,3 @@ def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
 def test_the_words_beside_the_weights_are_those_of_the_captions():
     stored = json.loads((clip.EMBEDDED / "words.json").read_text())
     assert stored == json.loads(json.dumps(vocabulary.lists()))
-
-
-@pytest.mark.parametrize(
-    "line, sentence",
-    [
-        ("pretrain --scenes 0", "scenes and epochs must be at least 1, got 0 and 7"),
-        ("pretrain --seed -1", "seed must be at least 0, got -1"),
-        ("pretrain --epochs 0", "scenes and epochs must be at least 1, got 3200 and 0"),
-    ],
-)
-def test_commands_refuse_in_a_sentence(line, sentence, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["clip_tabletop", *line.split()])
-    assert commands.main() == 2
-    assert capsys.readouterr().err == sentence + "\n"

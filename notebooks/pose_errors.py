@@ -1,0 +1,20 @@
+"""GEM's stored rows over several tables, by what the robot knows of the tables' poses."""
+
+from __future__ import annotations
+
+from gem_lite.evaluation import results, table_poses
+from gem_lite.evaluation.results import Score
+from gem_lite.evaluation.table_poses import Condition
+
+
+def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
+    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
+
+    Raises:
+        LookupError: there is no such row, or see `results.pool`.
+    """
+    required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    required |= condition._asdict()
+    shown = ("tables", "world", "poses", "shift", "turn")
+    rows = results.read_rows(results.results_file(task))
+    return results.pool(results.select(rows, required, shown), identity=table_poses.IDENTITY)
