@@ -28,6 +28,13 @@ def policy(model):
     return Gem(SMALL, model, CropMemory([CropEntry("red block", picture, "t", 0)], model), seed=1)
 
 
+@pytest.fixture(scope="module")
+def decided(policy):
+    """(observation, what the policy decides there)."""
+    observation = Observation.load(SCENE)
+    return observation, policy.decide(observation, SENTENCE)
+
+
 def same(one, other):
     return all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
 
@@ -95,9 +102,8 @@ COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pick
 
 @pytest.mark.parametrize("way", COPIES)
 @pytest.mark.parametrize("training", [True, False], ids=["train", "eval"])
-def test_a_copy_of_a_policy_decides_as_it_does(policy, way, training):
-    observation = Observation.load(SCENE)
-    choice = policy.decide(observation, SENTENCE)
+def test_a_copy_of_a_policy_decides_as_it_does(policy, decided, way, training):
+    observation, choice = decided
     policy.train().train(training)  # e2cnn keeps another tensor after each change.
     copied = COPIES[way](policy)
     assert same(copied, policy) and copied.training == training
