@@ -20,9 +20,9 @@ ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 GROUPS = PROJECT["project"]["optional-dependencies"]
 ROBOT = next(c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"] == "forbidden")["source_modules"]
-"""The modules that need the core group alone."""
-GROUP_OF = {"gem_lite.drawing": "notebooks", "gem_lite.cli": "demo"}
-"""What other packages need; "sim" where nothing is said."""
+"""The modules that know no simulator."""
+GROUP_OF = {"gem_lite.drawing": "notebooks", "gem_lite.cli": "demo", "gem_lite.training": "table"}
+"""What these packages need. The others need "core" without the simulator, and "sim" with it."""
 POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl-seen-colors-10"
 USE_ALL = """
 from gem_lite import clip
@@ -94,7 +94,7 @@ def parts() -> list[tuple[str, str]]:
     """Each module or package of the library's top, and the group that it needs."""
     top = [path for path in (ROOT / "gem_lite").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()]
     names = sorted(f"gem_lite.{path.stem}" for path in top if path.stem not in ("__init__", "__main__"))
-    return [(name, "core" if name in ROBOT else GROUP_OF.get(name, "sim")) for name in names]
+    return [(name, GROUP_OF.get(name, "core" if name in ROBOT else "sim")) for name in names]
 
 
 @pytest.mark.parametrize(("module", "needs"), parts())
