@@ -14,10 +14,11 @@ import pybullet as p
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace, quaternion
+from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, Effector
 from gem_lite.simulation.floating_tool import PARKED, RATE
-from gem_lite.simulation.looks import HOME, RGBA, Look
+from gem_lite.simulation.looks import HOME, Look
 
 SOLVED = 0.99
 """An episode is solved if its score is above this."""

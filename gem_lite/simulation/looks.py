@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 from gem_lite.foundations import colors
 from gem_lite.foundations.registry import Registry
+from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
 from gem_lite.simulation.rendering import LIGHT, Light
 
-RGBA = tuple[float, float, float, float]
 FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
 TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
 
