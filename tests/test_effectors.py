@@ -17,9 +17,8 @@ START, END = Pose2(0.45, 0.1), Pose2(0.45, -0.15)
 
 
 @pytest.fixture
-def pushing(world, stage, monkeypatch):
+def pushing(world, stage, no_pictures, monkeypatch):
     """``pushing(build, ...)`` lays bodies out for the spatula."""
-    monkeypatch.setattr(World, "observe", lambda self: (None,))
 
     def lay_out(*builders):
         stage()
@@ -42,10 +41,9 @@ def test_effectors_are_found_by_name():
 
 
 @pytest.mark.parametrize(("beside", "holds"), [(0.0045, True), (0.0055, False)])
-def test_a_suction_cup_holds_what_its_rim_touches(world, stage, monkeypatch, beside, holds):
-    monkeypatch.setattr(World, "observe", lambda self: (None,))
+def test_a_suction_cup_holds_what_its_rim_touches(blind, stage, beside, holds):
     stage(cube(Pose2(0.5, 0.0), 0.04))
-    assert world.step(PickPlace(Pose2(0.52 + beside, 0.0), Pose2(0.6, 0.2))).grasped is holds
+    assert blind.step(PickPlace(Pose2(0.52 + beside, 0.0), Pose2(0.6, 0.2))).grasped is holds
 
 
 def test_a_push_takes_a_body_to_its_end(world, pushing):
