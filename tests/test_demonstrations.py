@@ -278,7 +278,8 @@ def test_episodes_are_read_when_they_are_asked_for_and_checked_then(copied):
     assert isinstance(second, DemonstrationSet) and len(second) == 1 and len(both[:100]) == 2
     assert second[0].seed == both[-1].seed == 1
     assert seeds(both[::-1]) == [1, 0]
-    assert weakref.ref(both[0])() is None, "no episode stays in memory"
+    earlier = weakref.ref(both[0])
+    assert earlier() is None, "no episode stays in memory"
     flip_a_bit(copied)
     with pytest.raises(ValueError, match="cut off or changed"):
         both[0]
