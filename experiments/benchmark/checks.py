@@ -13,7 +13,7 @@ from typing import Any
 from experiments.benchmark.plan import Cell, Training
 from gem_lite.policies import checkpoints, methods
 
-MIXED = {("cliport-multi", 10)}
+MIXED: set[tuple[str, int]] = set()
 """Methods and numbers of demonstrations whose rows are known to be of two policies. They are being measured again."""
 
 
