@@ -13,9 +13,6 @@ from typing import Any
 from experiments.benchmark.plan import Cell, Training
 from gem_lite.policies import checkpoints, methods
 
-MIXED: set[tuple[str, int]] = set()
-"""Methods and numbers of demonstrations whose rows are known to be of two policies. They are being measured again."""
-
 
 def check_checkpoints(rows: Iterable[Mapping[str, Any]]) -> None:
     """Check that all rows of one method, number of demonstrations, training seed and data are of one checkpoint.
@@ -25,11 +22,11 @@ def check_checkpoints(rows: Iterable[Mapping[str, Any]]) -> None:
     On validation episodes, the trials of a search count as different policies.
 
     Raises:
-        ValueError: rows are of two checkpoints, and the method with this number is not among `MIXED`.
+        ValueError: rows are of two checkpoints.
     """
     policies: dict[tuple, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
-        if row["checkpoint_sha256"] is None or (row["method"], row["demos"]) in MIXED:
+        if row["checkpoint_sha256"] is None:
             continue
         trial = None if row["split"] == "test" else row["config_hash"]
         facts = ("demos", "seed", "data_sha256", "clip_fingerprint", "config")

@@ -226,15 +226,8 @@ def test_the_tables_hold_every_row_of_test_episodes(whole, empty, tmp_path):
 # Policies -------------------------------------------------------------------------------------------------------------
 
 
-def test_all_rows_of_a_policy_are_of_one_checkpoint(monkeypatch):
-    rows = results.stored_rows()
-    checks.check_checkpoints(rows)
-    mixed = checks.MIXED
-    monkeypatch.setattr(checks, "MIXED", set())
-    for method, demos in mixed:
-        of_policy = [row for row in rows if (row["method"], row["demos"]) == (method, demos)]
-        with pytest.raises(ValueError, match=f"the rows of {method} with {demos} .* are of several policies"):
-            checks.check_checkpoints(of_policy)  # if it passes, take the entry out of MIXED
+def test_all_rows_of_a_policy_are_of_one_checkpoint():
+    checks.check_checkpoints(results.stored_rows())
 
 
 def test_two_checkpoints_of_one_policy_are_refused(whole):
