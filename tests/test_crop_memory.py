@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from gem_lite import tasks
-from gem_lite.actions import PickPlace
-from gem_lite.demonstrations import GripperState
+from gem_lite.actions import GripperState, PickPlace
 from gem_lite.maps.crop_memory import CropEntry, CropMemory, collect_crops, cut, events, numbered
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace, wrap

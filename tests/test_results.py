@@ -7,8 +7,7 @@ import pytest
 
 from experiments.pointing import measure as pointing
 from gem_lite import tasks
-from gem_lite.actions import PickPlace, Push
-from gem_lite.demonstrations import ExpertAction
+from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.evaluation import actors, results, statistics, table_poses
 from gem_lite.evaluation.results import Episode, result_row
 from gem_lite.evaluation.statistics import mean_and_interval
