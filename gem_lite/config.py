@@ -49,17 +49,17 @@ def above_0(high: float) -> Allowed:
     return Allowed(f"a number above 0 and up to {high}", lambda value: _is_number(value) and 0 < value <= high)
 
 
-def each(one: Allowed, count: int) -> Allowed:
+def each(value_allowed: Allowed, count: int) -> Allowed:
     """A tuple of ``count`` values."""
     return Allowed(
-        f"{count} values, each {one.words}",
-        lambda value: isinstance(value, tuple) and len(value) == count and all(map(one.holds, value)),
+        f"{count} values, each {value_allowed.words}",
+        lambda value: isinstance(value, tuple) and len(value) == count and all(map(value_allowed.holds, value)),
     )
 
 
-def or_none(one: Allowed) -> Allowed:
+def or_none(value_allowed: Allowed) -> Allowed:
     """A value or None."""
-    return Allowed(f"{one.words}, or None", lambda value: value is None or one.holds(value))
+    return Allowed(f"{value_allowed.words}, or None", lambda value: value is None or value_allowed.holds(value))
 
 
 COUNT = whole_number(1)
@@ -133,11 +133,11 @@ class InputConfig:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            allowed = one.metadata.get("allowed")
+        for setting in fields(self):
+            value = getattr(self, setting.name)
+            allowed = setting.metadata.get("allowed")
             if allowed and not allowed.holds(value):
-                raise ValueError(f"{one.name} must be {allowed.words}, got {value!r}")
+                raise ValueError(f"{setting.name} must be {allowed.words}, got {value!r}")
         if self.rectangle is not None:
             Workspace.covering(*self.rectangle, pixel=self.pixel)  # It refuses what is no rectangle.
         else:
@@ -167,9 +167,9 @@ class InputConfig:
     def as_dict(self) -> dict[str, Any]:
         """The entries as JSON holds them: tuples become lists. Those that were added are left out at their default."""
         values = {
-            one.name: getattr(self, one.name)
-            for one in fields(self)
-            if not one.metadata.get("added") or getattr(self, one.name) != one.default
+            setting.name: getattr(self, setting.name)
+            for setting in fields(self)
+            if not setting.metadata.get("added") or getattr(self, setting.name) != setting.default
         }
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
@@ -180,7 +180,7 @@ class InputConfig:
         Raises:
             ValueError: names that this configuration does not have, or values that contradict each other.
         """
-        unknown = set(values) - {one.name for one in fields(cls)}
+        unknown = set(values) - {setting.name for setting in fields(cls)}
         if unknown:
             raise ValueError(f"the configuration has unknown entries {sorted(unknown)}")
         entries: dict[str, Any] = {
@@ -259,7 +259,7 @@ class Config(InputConfig):
     @property
     def inputs(self) -> InputConfig:
         """The part that decides the inputs of the networks, and no other entry."""
-        return self.INPUTS(**{one.name: getattr(self, one.name) for one in fields(self.INPUTS)})
+        return self.INPUTS(**{setting.name: getattr(self, setting.name) for setting in fields(self.INPUTS)})
 
     @property
     def variant(self) -> str:

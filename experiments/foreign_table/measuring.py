@@ -59,7 +59,7 @@ def check_count(name: str, count: int, least: int = 1) -> None:
 def record(folder: Path, episodes: int) -> None:
     """Let the expert play the first training tables, and record those that it solves."""
     check_count("episodes", episodes)
-    found = 0
+    recorded = 0
     with ForeignWorld() as world, tqdm(total=episodes, unit="episode") as bar:
         for seed in TRAIN_SEEDS:
             world.lay(random_scene(seed))
@@ -70,11 +70,11 @@ def record(folder: Path, episodes: int) -> None:
                 continue
             # A cube looks the same after a quarter turn. In a round bowl, every yaw is right.
             expert = ExpertAction(PickPlace(Pose2(*pick), Pose2(*place)), math.pi / 2)
-            found += 1
+            recorded += 1
             step = DemonstrationStep(observation, world.sentence, expert)
-            step.save(folder / f"episode-{found}" / "step-1", DEPTH_SCALE)
+            step.save(folder / f"episode-{recorded}" / "step-1", DEPTH_SCALE)
             bar.update()
-            if found == episodes:
+            if recorded == episodes:
                 return
 
 
@@ -124,15 +124,15 @@ def foreign_tables(count: int) -> Iterator[tuple[Observation, set[str], list[str
 
 def our_tables(count: int) -> Iterator[tuple[Observation, set[str], list[str]]]:
     """As `foreign_tables`, of our simulator: the tasks take turns. What could be there is what other tables hold."""
-    found = []
+    tables = []
     with World() as world:
         for number in range(count):
             name = OUR_TASKS[number % len(OUR_TASKS)]
             task = tasks.make(name, "test")
             (observation,) = world.reset(task, tasks.episode_seed("test", ASKED_SEED + number))
-            found.append((name, observation, {thing for thing in task.names.values() if thing}))
-    for name, observation, there in found:
-        yield observation, there, sorted(set().union(*(others for task, _, others in found if task == name)))
+            tables.append((name, observation, {thing for thing in task.names.values() if thing}))
+    for name, observation, there in tables:
+        yield observation, there, sorted(set().union(*(others for task, _, others in tables if task == name)))
 
 
 def refusals(tables: int, out: Path) -> None:

@@ -41,8 +41,8 @@ def play(
         row = measure.measure_packing(task, scenes, path, clip)
         print("the map points at the named piece of {task}: {mean} {ci95}, {episodes} episodes".format(**row))
     else:
-        for one in [kind] if kind else KINDS:
-            for row in measure.measure_scenes(one, scenes, path, clip):
+        for asked_kind in [kind] if kind else KINDS:
+            for row in measure.measure_scenes(asked_kind, scenes, path, clip):
                 print(described_pointing(row))
     print(f"the rows are in {path}")
 

@@ -49,8 +49,12 @@ def options(config: Config) -> type:
     hints = get_type_hints(type(config))
     fields = [
         # As a choice, a switch has a value on the command line: its default may be True.
-        (one.name, Literal[True, False] if hints[one.name] is bool else hints[one.name], getattr(config, one.name))
-        for one in dataclasses.fields(config)
+        (
+            entry.name,
+            Literal[True, False] if hints[entry.name] is bool else hints[entry.name],
+            getattr(config, entry.name),
+        )
+        for entry in dataclasses.fields(config)
     ]
     explained = "\n".join(filter(None, map(_attributes, type(config).__mro__)))
     own = {"__doc__": f"The configuration.\n\nAttributes:\n{explained}", "__module__": __name__}

@@ -55,5 +55,5 @@ def _read(content: bytes) -> Demonstration:
             "trace": [(x, y, yaw, bool(holding)) for x, y, yaw, holding in arrays[f"trace-{i}"].tolist()],
         }  # fmt: skip
         steps.append(step_of(json.dumps(action), f"step {i}", Observation(views)))
-    found = EpisodeFile.read(json.dumps({"version": 1, **facts}), "its description")
-    return Demonstration(found.task, found.split, found.seed, tuple(steps), found.world)
+    episode = EpisodeFile.read(json.dumps({"version": 1, **facts}), "its description")
+    return Demonstration(episode.task, episode.split, episode.seed, tuple(steps), episode.world)
