@@ -2,13 +2,13 @@
 
 import math
 
+import equivariance as eq
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
 from torch import nn
 
-from gem_lite import equivariance as eq
 from gem_lite.policies.networks import CropKernel
 from gem_lite.steerable import SteerableKernel, band_limited, orbit, turn
 from gem_lite.steerable.correlation import sample
