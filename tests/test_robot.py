@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from docs import cliport_bridge
 from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
 from gem_lite.policies import checkpoints, robot_plan
@@ -92,11 +93,11 @@ def test_cliports_dictionaries_say_the_same():
         for view in ours.views
     ]
     dictionary = {"color": [view.rgb for view in ours.views], "depth": [view.depth for view in ours.views]}
-    theirs = robot_plan.from_cliport(dictionary, cameras)
+    theirs = cliport_bridge.from_cliport(dictionary, cameras)
     for old, new in zip(ours.views, theirs.views, strict=True):
         assert np.allclose(old.camera.pose, new.camera.pose) and np.array_equal(old.rgb, new.rgb)
     action = PickPlace(at(80, 40, 0.5), at(10, 20, 0.8))
-    pair = robot_plan.to_cliport(action, choice_of(logits_with({}), action, (0, 80, 40)).heightmap)
+    pair = cliport_bridge.to_cliport(action, choice_of(logits_with({}), action, (0, 80, 40)).heightmap)
     (_, first), (position, second) = pair["pose0"], pair["pose1"]
     assert position[:2] == (action.place.x, action.place.y)
     assert Rotation.from_quat(first).as_euler("xyz")[2] == 0
@@ -159,11 +160,11 @@ CLIPORTS_CAMERA = {"intrinsics": (450.0, 0, 4, 0, 450.0, 4, 0, 0, 1), "position"
 )
 def test_a_wrong_camera_of_cliport_is_refused(changes, message):
     pictures = {"color": [np.zeros((8, 8, 3), np.uint8)] * 2, "depth": [np.ones((8, 8), np.float32)] * 2}
-    assert len(robot_plan.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA]).views) == 2
+    assert len(cliport_bridge.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA]).views) == 2
     with pytest.raises(ValueError, match=message):
-        robot_plan.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA | changes])
+        cliport_bridge.from_cliport(pictures, [CLIPORTS_CAMERA, CLIPORTS_CAMERA | changes])
     with pytest.raises(ValueError, match="position of camera 0 must be 3 finite numbers"):
-        robot_plan.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
+        cliport_bridge.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
 
 
 def where_cliports_blade_stops(pair):
@@ -176,20 +177,20 @@ def where_cliports_blade_stops(pair):
 def test_a_push_ends_in_cliport_where_it_should():
     heightmap = choice_of(logits_with({}), None, (0, 80, 40)).heightmap
     push = Push(at(80, 40), at(20, 70))
-    pair = robot_plan.to_cliport(push, heightmap)
+    pair = cliport_bridge.to_cliport(push, heightmap)
     start, end = where_cliports_blade_stops(pair)
     assert end == pytest.approx([push.end.x, push.end.y])
     assert np.hypot(*(start - [push.start.x, push.start.y])) == pytest.approx(0.02)
     assert pair["pose0"][0][2] == pytest.approx(heightmap.height[80, 40])
     assert pair["pose0"][1] == pair["pose1"][1] == (0, 0, 0, 1)
     edge = Push(at(80, 40), at(80, 79))
-    assert robot_plan.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, (
+    assert cliport_bridge.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, (
         "it may lie beyond the map"
     )
     with pytest.raises(ValueError, match="a push must end elsewhere than it starts"):
-        robot_plan.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
+        cliport_bridge.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
     with pytest.raises(ValueError, match="lies outside the workspace"):
-        robot_plan.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
+        cliport_bridge.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
 
 
 def test_the_example_drives_a_robot_without_a_simulator():

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
+from orbits import best_angle, peak
 from scipy.special import jn_zeros, jv
 
 from gem_lite import steerable
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel, band_limited, correlation, disc, fourier, harmonics, orbit, turn
-from gem_lite.steerable.correlation import best_angle, continued, correlate, peak, sample
+from gem_lite.steerable.correlation import continued, correlate, sample
 
 H = 9
 

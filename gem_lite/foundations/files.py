@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import os
-import sys
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -215,11 +214,3 @@ def read_verified(path: Path, digest: str) -> bytes:
     if hashlib.sha256(content).hexdigest() != digest:
         raise ValueError(f"{path} is cut off or changed: its SHA-256 is not the manifest's")
     return content
-
-
-def as_number(value: object) -> float:
-    """A finite number of JSON. Raises ValueError for anything else."""
-    # A whole number may be too large for a float, so that math.isfinite fails.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-        raise ValueError(f"a finite number is needed, got {value!r:.50}")
-    return value

@@ -57,11 +57,6 @@ def to_rgbd(heightmap: HeightMap) -> torch.Tensor:
     return torch.cat([rgb, height])
 
 
-def to_picture(rgbd: torch.Tensor) -> np.ndarray:
-    """(H, W, 3) float32 in [0, 1]: the colours of an output of `to_rgbd`, recoloured or not."""
-    return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
-
-
 def crop_at(image: torch.Tensor, pixels: torch.Tensor, size: int) -> torch.Tensor:
     """Unrotated squares around pixels: (B, C, H, W) and (B, 2) integers to (B, C, size, size); outside is 0."""
     half = size // 2

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from drawings.plot_kernels import SIGNED
-from drawings.plot_shared import LEAST_LOGIT, action_map
+from drawings.plot_shared import LEAST_LOGIT, action_map, to_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from scipy.ndimage import maximum_filter
 
 from gem_lite.drawing.plots import OUTLINE, PICK_COLOR, bare, draw_gripper
-from gem_lite.policies.inputs import Sample, to_picture
+from gem_lite.policies.inputs import Sample
 from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72

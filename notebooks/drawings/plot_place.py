@@ -9,13 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from drawings.plot_kernels import SIGNED
-from drawings.plot_shared import action_map
+from drawings.plot_shared import action_map, to_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
 from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
-from gem_lite.policies.inputs import HEIGHT_SCALE, RGBD, to_picture
+from gem_lite.policies.inputs import HEIGHT_SCALE, RGBD
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawings.plot_shared import LEAST_LOGIT, action_map
+from drawings.plot_shared import LEAST_LOGIT, action_map, to_picture
 from failures import Failure
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ from matplotlib.patches import FancyBboxPatch
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
 from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import Choice
-from gem_lite.policies.inputs import Sample, to_picture
+from gem_lite.policies.inputs import Sample
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix
 
 METHOD_NAMES = {

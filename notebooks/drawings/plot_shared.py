@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gem_lite.drawing.plots import bare
+from gem_lite.policies.inputs import TABLE_GRAY
 from gem_lite.rgbd.camera import View
 
 LEAST_LOGIT = -20.0
@@ -26,6 +28,11 @@ def show_views(views: Sequence[View]) -> Figure:
         )
     fig.colorbar(depth_image, ax=axes[1], shrink=0.8, label="metres (white: not measured)")
     return fig
+
+
+def to_picture(rgbd: torch.Tensor) -> np.ndarray:
+    """(H, W, 3) float32 in [0, 1]: the colours of an output of `to_rgbd`, recoloured or not."""
+    return (rgbd[:3] + TABLE_GRAY).clamp(0, 1).permute(1, 2, 0).numpy()
 
 
 def action_map(logits: np.ndarray) -> np.ndarray:

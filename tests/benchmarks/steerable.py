@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import ctypes
 import multiprocessing
+import sys
 import warnings
 from pathlib import Path
 
@@ -22,7 +23,10 @@ from timing import seconds
 
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import SteerableKernel, band_limited, disc
-from gem_lite.steerable.correlation import peak, sample
+from gem_lite.steerable.correlation import sample
+
+sys.path.append(str(Path(__file__).parents[2] / "notebooks"))
+from orbits import peak
 
 warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
 
