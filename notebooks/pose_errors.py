@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import summaries
+from summaries import Score
+
+from gem_lite import tasks
 from gem_lite.evaluation import results, table_poses
-from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.table_poses import Condition
 
 
@@ -11,10 +14,10 @@ def score(task: str, condition: Condition, tables: int = 2, world: str = "home")
     """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
 
     Raises:
-        LookupError: there is no such row, or see `results.pool`.
+        LookupError: there is no such row, or see `summaries.pool`.
     """
     required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
     required |= condition._asdict()
     shown = ("tables", "world", "poses", "shift", "turn")
-    rows = results.read_rows(results.results_file(task))
-    return results.pool(results.select(rows, required, shown), identity=table_poses.IDENTITY)
+    rows = results.read_rows(results.RESULTS / f"{tasks.family(task)}.jsonl")
+    return summaries.pool(summaries.select(rows, required, shown), identity=table_poses.IDENTITY)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import summaries
+from summaries import Score
+
 from gem_lite.config import MULTI_TASK
-from gem_lite.evaluation import actors, results
-from gem_lite.evaluation.results import Score
+from gem_lite.evaluation import actors
 from gem_lite.policies import methods
 from gem_lite.simulation.looks import HOME
 
@@ -25,9 +27,9 @@ def better_rivals(own: Score, rivals: Mapping[str, Score]) -> list[str]:
     """The rivals whose paired difference to ``own`` lies wholly above 0, with 95 %.
 
     Raises:
-        ValueError: a rival's episodes are others, see `results.paired_difference`.
+        ValueError: a rival's episodes are others, see `summaries.paired_difference`.
     """
-    return [name for name, rival in rivals.items() if results.paired_difference(rival, own).interval[0] > 0]
+    return [name for name, rival in rivals.items() if summaries.paired_difference(rival, own).interval[0] > 0]
 
 
 def table_rows(rows: Sequence[dict]) -> dict[str, list[dict]]:

@@ -159,15 +159,6 @@ def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
         assert said in message and message.count("\n") == 1
 
 
-def test_every_task_family_has_a_results_file_of_its_own():
-    own = [name for name in tasks.names() if tasks.family(name) != "sweeping"]  # which another test adds
-    files = {name: results.results_file(name).name for name in own}
-    assert files["put-block-in-bowl-unseen-colors"] == files[TASK] == "put-block-in-bowl.jsonl"
-    assert files["packing-shapes-unseen"] == "packing-shapes.jsonl"
-    assert files["block-insertion"] == "block-insertion.jsonl"
-    assert len(set(files.values())) == 13
-
-
 def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(world, monkeypatch):
     """A scripted actor: the empty table, the empty table again, the block, and the placed block once more."""
     told = []

@@ -9,9 +9,9 @@ import torch
 from drawings import pictures, plot_pick, plot_place, plot_results
 from failures import Failure
 from PIL import Image
+from summaries import Score
 
 from gem_lite.actions import PickPlace
-from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import RGBD, Sample
 from gem_lite.rgbd.heightmap import HeightMap

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 import failures
 import numpy as np
 import pytest
+import summaries
 
 from experiments.pointing import measure as pointing
 from gem_lite import tasks
@@ -29,13 +30,15 @@ def row_of(rewards, task=TASK, **facts):
 
 
 def file(*rows):
-    results.file_rows(rows, results.results_file(rows[0]["task"]))
+    results.file_rows(rows, results.RESULTS / "rows.jsonl")
 
 
 def score(**required):
     """The stored rows of GEM on `TASK` with these entries, as one score."""
-    rows = results.read_rows(results.results_file(TASK))
-    return results.pool(results.select(rows, {"method": "gem", "task": TASK} | required, ("demos", "steps", "world")))
+    rows = results.read_rows(results.RESULTS / "rows.jsonl")
+    return summaries.pool(
+        summaries.select(rows, {"method": "gem", "task": TASK} | required, ("demos", "steps", "world"))
+    )
 
 
 @pytest.fixture
@@ -83,7 +86,7 @@ def test_two_trainings_with_one_seed_are_no_two_seeds(stored):
 
 
 def test_rows_of_unlike_episodes_are_no_cell(stored):
-    path = results.results_file(TASK)
+    path = results.RESULTS / "rows.jsonl"
     rows = results.read_rows(path)
     rows[0]["rewards"].pop("3")
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -93,7 +96,7 @@ def test_rows_of_unlike_episodes_are_no_cell(stored):
 
 @pytest.mark.parametrize("name", results.IDENTITY)
 def test_everything_that_changes_a_row_names_it(stored, name):
-    path = results.results_file(TASK)
+    path = results.RESULTS / "rows.jsonl"
     before = results.read_rows(path)
     same = row_of(np.ones(40), checkpoint_sha256="sha-0")
     results.file_rows([same | {name: [7] if name == "skipped" else "another"}], path)
@@ -103,7 +106,7 @@ def test_everything_that_changes_a_row_names_it(stored, name):
 
 
 def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kind(stored):
-    path = results.results_file(TASK)
+    path = results.RESULTS / "rows.jsonl"
     before = path.read_bytes()
     same = {"seed": 1, "checkpoint_sha256": "sha-1"}
     with pytest.raises(ValueError, match=r"holds a row over 40 episodes \(method gem, .*seed 1, .*over 39 does not"):
@@ -122,7 +125,7 @@ def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kin
 
 
 def test_a_row_that_names_no_skipped_episodes_skipped_none(stored):
-    path = results.results_file(TASK)
+    path = results.RESULTS / "rows.jsonl"
     older = [{name: value for name, value in row.items() if name != "skipped"} for row in results.read_rows(path)]
     path.write_text("".join(json.dumps(row) + "\n" for row in older))
     file(row_of(np.ones(40), seed=0, checkpoint_sha256="sha-0"))
@@ -147,10 +150,10 @@ def test_rows_of_two_writers_all_stay(tmp_path):
 
 def test_a_file_that_cannot_be_written_is_named_before_and_the_rows_are_printed_after(stored, monkeypatch, capsys):
     row = row_of(np.ones(40))
-    blocked = results.RESULTS / "put-block-in-bowl.jsonl" / "rows.jsonl"  # its folder is a file
+    blocked = results.RESULTS / "rows.jsonl" / "rows.jsonl"  # its folder is a file
     with pytest.raises(OSError, match=rf"{blocked} cannot be written: "):
         results.check_rows([row], blocked)
-    path = results.RESULTS / "rows.jsonl"
+    path = results.RESULTS / "other.jsonl"
     results.check_rows([row], path)
     assert not path.exists()
 
@@ -201,15 +204,15 @@ def test_no_two_stored_rows_have_one_name():
 
 def test_pairs_are_of_the_same_episodes(stored):
     one = score()
-    found = results.paired_difference(one, score(seed=2))
+    found = summaries.paired_difference(one, score(seed=2))
     assert found == statistics.paired_difference(stored, stored[2]) and found.seeds == (3, 1)
     file(row_of(np.ones(50), task="put-block-in-bowl-unseen-colors"))
-    row = results.read_rows(results.results_file(TASK))[-1]
+    row = results.read_rows(results.RESULTS / "rows.jsonl")[-1]
     moved = row | {"rewards": {str(int(index) + 10): reward for index, reward in row["rewards"].items()}}
     for other in (row, moved):
         # As many episodes, or not, they are not the same ones.
         with pytest.raises(ValueError, match=r"same episodes, got 40 episodes \(0 to 39\) and"):
-            results.paired_difference(one, results.pool([other]))
+            summaries.paired_difference(one, summaries.pool([other]))
 
 
 def judged(done: PickPlace, found: tuple[str, str], grasped: bool = True) -> str:

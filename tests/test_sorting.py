@@ -10,12 +10,13 @@ import pose_errors
 import pytest
 import torch
 from drawings import plot_mobile
+from summaries import Score
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
 from gem_lite.evaluation import actors, evaluate, results, table_poses
 from gem_lite.evaluation.evaluate import Measurement
-from gem_lite.evaluation.results import Episode, Score
+from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.table_poses import Condition
 from gem_lite.policies.choosing import near_peak
 from gem_lite.policies.gem import Gem
@@ -151,7 +152,7 @@ def test_a_row_for_each_condition():
 
 def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(results, "RESULTS", tmp_path)
-    task, path = "object-sorting-seen", results.results_file("object-sorting-seen")
+    task, path = "object-sorting-seen", tmp_path / "object-sorting.jsonl"
     found = played([1.0] * 12, [1.0] * 5 + [0.0] * 7)
     facts = {"tables": 2, "world": "home", "split": "test", "start": 0}
     facts |= results.policy_entries(None, LITE) | {"train_cpu_seconds": 9.0}

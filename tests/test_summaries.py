@@ -4,12 +4,13 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import summaries
 import whole_benchmark
 from drawings import plot_scores
+from summaries import Score
 
 from gem_lite import tasks
-from gem_lite.evaluation import results, statistics, summaries
-from gem_lite.evaluation.results import Score
+from gem_lite.evaluation import results, statistics
 
 SEEN, UNSEEN = "put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors"
 ROPE, PILES = "align-rope", "separating-piles-seen-colors"
@@ -76,7 +77,7 @@ def test_a_mean_difference_is_paired_and_may_be_negative():
     same = summaries.mean_difference(first, first)
     assert same.mean == 0 and same.interval[1] < 7 and same.interval[1] == pytest.approx(-same.interval[0], abs=0.2)
     one = summaries.mean_difference({ROPE: first[ROPE]}, second)
-    assert one.interval == pytest.approx(results.paired_difference(first[ROPE], second[ROPE]).interval, abs=0.2)
+    assert one.interval == pytest.approx(summaries.paired_difference(first[ROPE], second[ROPE]).interval, abs=0.2)
     with pytest.raises(ValueError, match="second must hold the tasks of first, at least one, got none of align-rope"):
         summaries.mean_difference({ROPE: first[ROPE]}, {})
     with pytest.raises(ValueError, match=f"of the same episodes of {ROPE}"):
@@ -243,7 +244,7 @@ def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():
     rows = [row("gem", "clear", [1.0] * 20), row("x", "clear", [0.0] * 20)]
     rows += [row("gem", "unclear", [1.0, 0.0] * 10), row("x", "unclear", [0.0, 1.0] * 10)]
     own, rival = (summaries.scores(rows, name, demos=10) for name in ("gem", "x"))
-    leads = {task: results.paired_difference(own[task], rival[task]) for task in own}
+    leads = {task: summaries.paired_difference(own[task], rival[task]) for task in own}
     figure = plot_scores.show_leads({"x": leads, "itself": {"clear": leads["unclear"]}}, "gem minus it")
     marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 1 and line.get_marker() in "os"]
     assert [mark.get_xdata()[0] for mark in marks if mark.get_xdata()[0] is not None] == [100, 0, 0]

@@ -58,12 +58,13 @@ def tables(folder: Path, /) -> None:
     Examples:
       python -m experiments.benchmark tables build/tables
     """
+    import summaries
     import whole_benchmark
     from drawings import plot_benchmark
 
     from experiments.benchmark import plan, scaling
     from experiments.benchmark.tables import arranged, markdown
-    from gem_lite.evaluation import results, summaries
+    from gem_lite.evaluation import results
     from gem_lite.foundations.files import write_atomically
     from gem_lite.tasks import PAPER
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+import summaries
+from summaries import COMPARED, Score, mean_difference, mean_over_tasks, scores, weighted_sum
 from whole_benchmark import seen_and_unseen, table_rows
 
 from experiments.benchmark import single_tables
@@ -13,14 +15,6 @@ from experiments.benchmark.plan import OURS
 from experiments.benchmark.single_tables import OVERVIEW, Rows, at_home, lead, named, score_cell, signed
 from experiments.benchmark.tables import MARK, Row, Table, interval_text, lines_of, markdown
 from gem_lite.evaluation import results
-from gem_lite.evaluation.results import Score
-from gem_lite.evaluation.summaries import (
-    COMPARED,
-    mean_difference,
-    mean_over_tasks,
-    scores,
-    weighted_sum,
-)
 from gem_lite.tasks import PAPER
 
 TASKS = (*PAPER, *OURS)
@@ -136,7 +130,7 @@ def differences(rows: Rows) -> str:
         if not set(PAPER) <= measured[one].keys() & measured[other].keys():
             continue
         first, second = ({task: measured[name][task] for task in PAPER} for name in (one, other))
-        by_task = {task: results.paired_difference(first[task], second[task]) for task in first}
+        by_task = {task: summaries.paired_difference(first[task], second[task]) for task in first}
         above = [task for task, difference in by_task.items() if difference.interval[0] > 0]
         below = [task for task, difference in by_task.items() if difference.interval[1] < 0]
         mean = signed(mean_difference(first, second), [*first.values(), *second.values()])

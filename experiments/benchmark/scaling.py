@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from summaries import MeanAndInterval, mean_over_tasks, scores
 
 from gem_lite.drawing.plots import SAFE_COLORS
-from gem_lite.evaluation.summaries import MeanAndInterval, mean_over_tasks, scores
 
 
 def scaling(

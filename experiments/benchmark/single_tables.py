@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import summaries
+from summaries import COMPARED, Score, scores
+
 from experiments.benchmark.tables import MARK, Row, cell, interval_text, lines_of
-from gem_lite.evaluation import results
-from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
-from gem_lite.evaluation.summaries import COMPARED, scores
 from gem_lite.tasks import PAPER
 
 OVERVIEW = {
@@ -93,7 +93,7 @@ def lead(first: Score | None, second: Score | None) -> str:
     """The paired difference of two scores; empty if one is missing."""
     if first is None or second is None:
         return ""
-    return signed(results.paired_difference(first, second), (first, second))
+    return signed(summaries.paired_difference(first, second), (first, second))
 
 
 def signed(difference: Difference, measured: Sequence[Score]) -> str:
@@ -163,7 +163,7 @@ def own_table(rows: Rows) -> str:
     if trained and shipped:
         lines.append([f"GEM, {trained['steps']} steps", f"{trained['demos']}, recorded there", cell(trained)])
         lines.append(["GEM-multi as it is shipped", "none of these tables", cell(shipped)])
-        lines.append(["the first minus the second", "", lead(results.pool([trained]), results.pool([shipped]))])
+        lines.append(["the first minus the second", "", lead(summaries.pool([trained]), summaries.pool([shipped]))])
     return lines_of(["policy", "demonstrations", "solved"], lines)
 
 

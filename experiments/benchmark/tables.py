@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import summaries
+from summaries import mean_over_tasks
+
 from experiments.benchmark.checks import check_checkpoints
 from gem_lite.evaluation import results
-from gem_lite.evaluation.summaries import mean_over_tasks
 
 Row = dict[str, Any]
 """A row of results, see `gem_lite.evaluation.results`."""
@@ -90,5 +92,5 @@ def _mean_cell(column: Mapping[str, Row], tasks: Sequence[str]) -> str:
     """The mean over tasks as in `cell`; empty if a task is not measured."""
     if not all(task in column for task in tasks):
         return ""
-    scores = {task: results.pool([column[task]]) for task in tasks}
+    scores = {task: summaries.pool([column[task]]) for task in tasks}
     return interval_text(*mean_over_tasks(scores)) + (MARK if any(s.outdated for s in scores.values()) else "")

@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import filelock
-import numpy as np
 
 from gem_lite.config import Config
 from gem_lite.evaluation import statistics
@@ -40,8 +39,6 @@ ACTING_RULES = 2
 
 Raise it when a change of the library lets the same weights act in another way. A row holds the version under which it
 was measured (1 where it holds none), and `is_outdated` says whether it is an older one."""
-DIFFER_BY_SEED = ("seed", "checkpoint_sha256")
-"""Entries in which the rows of one `Score` may differ, since it holds several training seeds."""
 LOCK = ".lock"
 """The file in a folder of rows that a process locks while it reads and writes them."""
 
@@ -69,9 +66,6 @@ class Episode:
     retaken: int = 0
     error: str = ""
     condition: tuple | None = None
-
-
-# Writing
 
 
 def policy_entries(card: dict | None, config: Config | None) -> dict:
@@ -119,13 +113,6 @@ def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset:
     return names | facts | counts | reward_entries({episode.index: episode.reward for episode in episodes})
 
 
-def results_file(task_name: str) -> Path:
-    """Where the rows of a task's family are filed. Raises ValueError if no task has the name."""
-    from gem_lite import tasks  # Only here: it needs the simulator, and stored rows need none.
-
-    return RESULTS / f"{tasks.family(task_name)}.jsonl"
-
-
 def benchmark_file(task_name: str) -> Path:
     """Where the benchmark's rows on a task are filed."""
     return RESULTS / "benchmark" / f"{task_name}.jsonl"
@@ -163,13 +150,13 @@ def read_rows(path: Path) -> list[dict]:
     return rows
 
 
-def _entry(row: dict, name: str) -> object:
+def entry(row: dict, name: str) -> object:
     """An entry that identifies a row, as something that can be compared; rows without ``skipped`` skipped nothing."""
     return tuple(row.get(name) or ()) if name == "skipped" else row.get(name)
 
 
 def _key(row: dict, identity: Sequence[str]) -> tuple:
-    return tuple(_entry(row, name) for name in identity)
+    return tuple(entry(row, name) for name in identity)
 
 
 def check_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
@@ -224,96 +211,3 @@ def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTI
         for row in rows:
             print(json.dumps(row))
         raise OSError(f"{path} cannot be written, its rows are printed instead: {error}") from error
-
-
-# Reading
-
-
-@dataclass(frozen=True)
-class Score:
-    """What a method scored on episodes of a task.
-
-    Attributes:
-        rewards: (training seeds, episodes) in [0, 1].
-        mean, interval: 0-100, with 95 %, over episodes and seeds (`statistics.mean_and_interval`).
-        cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
-        episodes: the episodes' indices.
-        outdated: whether a row was measured under earlier rules (`is_outdated`).
-    """
-
-    rewards: np.ndarray
-    mean: float
-    interval: tuple[float, float]
-    cpu_seconds: float | None
-    episodes: tuple[int, ...]
-    outdated: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
-
-
-def paired_difference(first: Score, second: Score) -> statistics.Difference:
-    """How much higher ``first`` is than ``second`` on the same episodes, see `statistics.paired_difference`.
-
-    Raises:
-        ValueError: the scores are of different episodes.
-    """
-    if first.episodes != second.episodes:
-        raise ValueError(
-            f"first and second must be of the same episodes, got {_span(first.episodes)} and {_span(second.episodes)}"
-        )
-    return statistics.paired_difference(first.rewards, second.rewards)
-
-
-def _span(episodes: Sequence[int]) -> str:
-    return f"{len(episodes)} episodes ({episodes[0]} to {episodes[-1]})"
-
-
-def pool(rows: Sequence[dict], identity: Sequence[str] = IDENTITY) -> Score:
-    """Rows of several training seeds as one score.
-
-    Args:
-        rows: at least one. They may differ in `DIFFER_BY_SEED` only.
-
-    Raises:
-        LookupError: the rows differ in other entries, two are of the same seed, or their episodes differ.
-    """
-    pair = "{method} on {task}".format(**rows[0])
-    for name in identity:
-        values = list(dict.fromkeys(_entry(row, name) for row in rows))
-        if len(values) > 1 and name not in DIFFER_BY_SEED:
-            raise LookupError(f"rows of {pair} differ in {name}: {', '.join(map(str, values))}; ask for one of them")
-    seeds = [row["seed"] for row in rows]
-    if len(set(seeds)) < len(seeds):
-        checkpoints = ", ".join(str(row["checkpoint_sha256"])[:12] for row in rows)
-        raise LookupError(
-            f"there are several rows of {pair} with the same training seed, of the checkpoints {checkpoints}: "
-            "ask for one with checkpoint_sha256, or remove the others"
-        )
-    indices_of_rows = [sorted(map(int, row["rewards"])) for row in rows]
-    indices = indices_of_rows[0]
-    if any(other != indices for other in indices_of_rows):
-        raise LookupError(f"the rows of {pair} are of different episodes")
-    rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
-    seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
-    mean, interval = statistics.mean_and_interval(rewards)
-    cpu_seconds = float(np.mean(seconds)) if seconds else None
-    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(is_outdated, rows)))
-
-
-def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:
-    """The rows that have all entries of ``required``.
-
-    Raises:
-        LookupError: there are none; the message lists the entries ``shown`` of the task's rows.
-    """
-    matches = [row for row in rows if required.items() <= row.items()]
-    if matches:
-        return matches
-    request = ", ".join(f"{name} {value}" for name, value in required.items())
-    alternatives = [row for row in rows if row.get("task") == required["task"]]
-    of_method = [row for row in alternatives if row.get("method") == required["method"]]
-    if of_method:
-        alternatives = of_method
-    available = dict.fromkeys(", ".join(f"{name} {row.get(name)}" for name in shown) for row in alternatives)
-    raise LookupError(f"there is no row with {request}. There are: {'; '.join(available) or 'none of this task'}")

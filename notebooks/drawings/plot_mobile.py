@@ -10,9 +10,9 @@ import torch
 from drawings.plot_shared import action_map, draw_zoom
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from summaries import Score
 
 from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare, draw_gripper
-from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import TablesChoice, stitch
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap

@@ -12,9 +12,9 @@ from failures import Failure
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
+from summaries import Score
 
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
-from gem_lite.evaluation.results import Score
 from gem_lite.policies.choosing import Choice
 from gem_lite.policies.inputs import Sample
 from gem_lite.se2 import Pose2, Workspace, rotation_matrix

@@ -37,8 +37,8 @@ def main() -> None:
     args = parser.parse_args()
     checkpoints = shipped()
     differing = 0
-    for path in dict.fromkeys(results.results_file(name) for name in tasks.names()):
-        for row in results.read_rows(path):
+    for family in dict.fromkeys(map(tasks.family, tasks.names())):
+        for row in results.read_rows(results.RESULTS / f"{family}.jsonl"):
             checkpoint = checkpoints.get(row["checkpoint_sha256"])
             disturbed = row.get("shift", 0) or row.get("turn", 0)
             if checkpoint is None or row["world"] != args.world or row.get("subset", "all") != "all" or disturbed:

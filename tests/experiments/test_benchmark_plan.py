@@ -9,6 +9,7 @@ from pathlib import Path
 
 import filelock
 import pytest
+import summaries
 import whole_benchmark
 import yaml
 
@@ -16,7 +17,7 @@ from experiments.benchmark import __main__ as commands
 from experiments.benchmark import checks, page, plan, tables
 from experiments.benchmark.plan import OURS, Cell, Plan, Training
 from gem_lite import clip, tasks
-from gem_lite.evaluation import results, summaries
+from gem_lite.evaluation import results
 from gem_lite.policies import methods
 from gem_lite.policies.gem_config import ABLATIONS
 

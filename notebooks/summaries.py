@@ -1,19 +1,111 @@
-"""The benchmark in a few numbers: scores by task and means over tasks, from stored rows (`results.stored_rows`)."""
+"""From stored rows (`results.stored_rows`) to scores: training seeds pooled, differences, and means over tasks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from gem_lite import tasks
 from gem_lite.evaluation import results, statistics
-from gem_lite.evaluation.results import Score
 from gem_lite.evaluation.statistics import Difference
 from gem_lite.simulation.looks import HOME
 
 COMPARED = ("gem", "cliport", "transporter-lan")
 """The methods that are compared with other numbers of demonstrations (Fig. A5)."""
+DIFFER_BY_SEED = ("seed", "checkpoint_sha256")
+"""Entries in which the rows of one `Score` may differ, since it holds several training seeds."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a method scored on episodes of a task.
+
+    Attributes:
+        rewards: (training seeds, episodes) in [0, 1].
+        mean, interval: 0-100, with 95 %, over episodes and seeds (`statistics.mean_and_interval`).
+        cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
+        episodes: the episodes' indices.
+        outdated: whether a row was measured under earlier rules (`results.is_outdated`).
+    """
+
+    rewards: np.ndarray
+    mean: float
+    interval: tuple[float, float]
+    cpu_seconds: float | None
+    episodes: tuple[int, ...]
+    outdated: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
+
+
+def paired_difference(first: Score, second: Score) -> Difference:
+    """How much higher ``first`` is than ``second`` on the same episodes, see `statistics.paired_difference`.
+
+    Raises:
+        ValueError: the scores are of different episodes.
+    """
+    if first.episodes != second.episodes:
+        raise ValueError(
+            f"first and second must be of the same episodes, got {_span(first.episodes)} and {_span(second.episodes)}"
+        )
+    return statistics.paired_difference(first.rewards, second.rewards)
+
+
+def _span(episodes: Sequence[int]) -> str:
+    return f"{len(episodes)} episodes ({episodes[0]} to {episodes[-1]})"
+
+
+def pool(rows: Sequence[dict], identity: Sequence[str] = results.IDENTITY) -> Score:
+    """Rows of several training seeds as one score.
+
+    Args:
+        rows: at least one. They may differ in `DIFFER_BY_SEED` only.
+
+    Raises:
+        LookupError: the rows differ in other entries, two are of the same seed, or their episodes differ.
+    """
+    pair = "{method} on {task}".format(**rows[0])
+    for name in identity:
+        values = list(dict.fromkeys(results.entry(row, name) for row in rows))
+        if len(values) > 1 and name not in DIFFER_BY_SEED:
+            raise LookupError(f"rows of {pair} differ in {name}: {', '.join(map(str, values))}; ask for one of them")
+    seeds = [row["seed"] for row in rows]
+    if len(set(seeds)) < len(seeds):
+        checkpoints = ", ".join(str(row["checkpoint_sha256"])[:12] for row in rows)
+        raise LookupError(
+            f"there are several rows of {pair} with the same training seed, of the checkpoints {checkpoints}: "
+            "ask for one with checkpoint_sha256, or remove the others"
+        )
+    indices_of_rows = [sorted(map(int, row["rewards"])) for row in rows]
+    indices = indices_of_rows[0]
+    if any(other != indices for other in indices_of_rows):
+        raise LookupError(f"the rows of {pair} are of different episodes")
+    rewards = np.array([[row["rewards"][str(index)] for index in indices] for row in rows])
+    seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
+    mean, interval = statistics.mean_and_interval(rewards)
+    cpu_seconds = float(np.mean(seconds)) if seconds else None
+    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(results.is_outdated, rows)))
+
+
+def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:
+    """The rows that have all entries of ``required``.
+
+    Raises:
+        LookupError: there are none; the message lists the entries ``shown`` of the task's rows.
+    """
+    matches = [row for row in rows if required.items() <= row.items()]
+    if matches:
+        return matches
+    request = ", ".join(f"{name} {value}" for name, value in required.items())
+    alternatives = [row for row in rows if row.get("task") == required["task"]]
+    of_method = [row for row in alternatives if row.get("method") == required["method"]]
+    if of_method:
+        alternatives = of_method
+    available = dict.fromkeys(", ".join(f"{name} {row.get(name)}" for name in shown) for row in alternatives)
+    raise LookupError(f"there is no row with {request}. There are: {'; '.join(available) or 'none of this task'}")
 
 
 def scores(
@@ -28,7 +120,7 @@ def scores(
         world: in which it was measured.
 
     Raises:
-        LookupError: two rows of a task have the same seed, or differ in more than the seed; see `results.pool`.
+        LookupError: two rows of a task have the same seed, or differ in more than the seed; see `pool`.
     """
     wanted: list[int | None] = [None] if demos is None else list(seeds)
     by_task: dict[str, list[dict]] = {}
@@ -36,11 +128,7 @@ def scores(
         facts = (row["method"], row["demos"], row["split"], row["subset"], row["world"])
         if facts == (method, demos, "test", "all", world) and row["seed"] in wanted:
             by_task.setdefault(row["task"], []).append(row)
-    return {
-        task: results.pool(of_task)
-        for task, of_task in by_task.items()
-        if {row["seed"] for row in of_task} == set(wanted)
-    }
+    return {task: pool(of_task) for task, of_task in by_task.items() if {row["seed"] for row in of_task} == set(wanted)}
 
 
 MeanAndInterval = tuple[float, tuple[float, float]]
