@@ -15,9 +15,10 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import torch.nn.functional as F
+from orbits import fourier, orbit, turn
 
 from gem_lite.se2 import angle_bins, rotate_image
-from gem_lite.steerable import disc, fourier, orbit, turn
+from gem_lite.steerable import disc
 
 Turn = Callable[[torch.Tensor, float], torch.Tensor]
 """T_g of Eq. 7 on a scalar picture: (B, C, S, S) and radians to the same shape, turned counter-clockwise."""
@@ -38,7 +39,7 @@ def by_pixels(picture: torch.Tensor, angle: float, mode: str = "bicubic") -> tor
 
 
 def by_harmonics(picture: torch.Tensor, angle: float) -> torch.Tensor:
-    """Turn a picture (B, C, S, S), S odd: its band-limited part, without interpolation; see `steerable.turn`."""
+    """Turn a picture (B, C, S, S), S odd: its band-limited part, without interpolation; see `orbits.turn`."""
     quarters = _quarters(angle)
     if quarters is not None:
         return torch.rot90(picture, quarters, dims=(-2, -1))

@@ -1,12 +1,76 @@
-"""Where the response of a kernel is largest: the best of given angles over all pixels, and the best of all angles."""
+"""Kernels turned one by one, the Fourier transform of their orbit, and where their response is largest.
+
+The library makes no orbit: `SteerableKernel.lift` gets the coefficients of an orbit from a kernel by one linear map.
+"""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import torch
 
+from gem_lite.se2 import angle_bins
+from gem_lite.steerable import check_frequency, check_kernel, harmonics
 from gem_lite.steerable.correlation import sampling_matrix
+
+
+@lru_cache(maxsize=6)
+@torch.inference_mode(False)  # so that training can use tensors that a decision cached
+def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """`harmonics` as tensors, the orders real and the rest complex."""
+    orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
+    return orders.to(dtype.to_real()), analysis.to(dtype), synthesis.to(dtype)
+
+
+def turn(kernel: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+    """Turn kernels counter-clockwise about their centre, exactly within the band (T_g of Eq. 7, rho = 1).
+
+    Args:
+        kernel: (B, C, h, h), h odd.
+        angles: (n,) radians.
+
+    Returns:
+        (B, n, C, h, h), zero outside `disc`.
+    """
+    size = check_kernel(kernel)[-1]
+    orders, analysis, synthesis = _turning(size, kernel.dtype.to_complex(), kernel.device)
+    coefficients = kernel.flatten(2).to(analysis.dtype) @ analysis.T  # (B, C, D)
+    phases = torch.exp(-1j * orders * angles.to(orders)[:, None])  # (n, D)
+    turned = (coefficients[:, None] * phases[:, None]) @ synthesis  # (B, n, C, h*h)
+    return turned.real.unflatten(-1, (size, size))
+
+
+def band_limited(kernel: torch.Tensor) -> torch.Tensor:
+    """The part of a kernel (B, C, h, h) that can be turned: its least-squares fit by polar harmonics."""
+    return turn(kernel, torch.zeros(1, device=kernel.device))[:, 0]
+
+
+def orbit(kernel: torch.Tensor, rotations: int) -> torch.Tensor:
+    """Turn a kernel by every g_i in C_n (Sec. A.8.4): the lift L(psi) of A.9.3, made explicitly.
+
+    Args:
+        kernel: (B, C, h, h), h odd.
+        rotations: n.
+
+    Returns:
+        (B, n, C, h, h); entry i is turned counter-clockwise by 2 pi i / n.
+    """
+    return turn(kernel, torch.from_numpy(angle_bins(rotations)).to(kernel.device))
+
+
+def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
+    """Fourier coefficients of an orbit over its rotation axis, c_k for k = 0..frequency.
+
+    Args:
+        stack: (B, n, C, h, h), see `orbit`.
+        frequency: the largest k, below n / 2.
+
+    Returns:
+        (B, frequency + 1, C, h, h) complex.
+    """
+    check_frequency(frequency, stack.shape[1])
+    return torch.fft.fft(stack, dim=1, norm="forward")[:, : frequency + 1]
 
 
 def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:

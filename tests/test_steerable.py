@@ -1,15 +1,16 @@
 import math
 
 import numpy as np
+import orbits
 import pytest
 import torch
 import torch.nn.functional as F
-from orbits import best_angle, peak
+from orbits import band_limited, best_angle, fourier, orbit, peak, turn
 from scipy.special import jn_zeros, jv
 
 from gem_lite import steerable
 from gem_lite.se2 import angle_bins
-from gem_lite.steerable import SteerableKernel, band_limited, correlation, disc, fourier, harmonics, orbit, turn
+from gem_lite.steerable import SteerableKernel, correlation, disc, harmonics
 from gem_lite.steerable.correlation import continued, correlate, sample
 
 H = 9
@@ -280,7 +281,7 @@ def test_features_go_on_beyond_the_border():
 def test_training_after_a_decision():
     # A decision in inference mode fills the tables that training uses next.
     kernel, features = torch.randn(1, 1, 7, 7), torch.randn(1, 1, 9, 9)
-    steerable._lift_map.cache_clear(), steerable._turning.cache_clear()
+    steerable._lift_map.cache_clear(), orbits._turning.cache_clear()
     with torch.inference_mode():
         SteerableKernel.lift(kernel, 20, 3).correlate(features)
         turn(kernel, torch.zeros(1))

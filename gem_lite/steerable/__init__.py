@@ -17,8 +17,8 @@ round drum), up to the highest frequency, pi a pixel, that pixels carry in *ever
 harmonic by theta multiplies it by exp(-i m theta): exact, for any angle, and nothing is resampled. So no
 rotated kernel is ever made: one fixed linear map takes pixels to coefficients c_k, and it is kept between calls. The
 part of a kernel beyond that band (a quarter of white noise on the disc, and the corners of its square) has no exact
-rotation. It is left out, by least squares; see `band_limited`. After that, the only approximation is the cut at K,
-which the caller chooses.
+rotation. It is left out, by least squares. After that, the only approximation is the cut at K, which the
+caller chooses.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ import numpy as np
 import torch
 from scipy.special import jn_zeros, jv
 
-from gem_lite.se2 import angle_bins
 from gem_lite.steerable.correlation import correlate
 
 
@@ -77,66 +76,8 @@ def harmonics(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return order_of, analysis, synthesis
 
 
-@lru_cache(maxsize=6)
-@torch.inference_mode(False)  # so that training can use tensors that a decision cached
-def _turning(size: int, dtype: torch.dtype, device: torch.device) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """`harmonics` as tensors, the orders real and the rest complex."""
-    orders, analysis, synthesis = (torch.from_numpy(part).to(device) for part in harmonics(size))
-    return orders.to(dtype.to_real()), analysis.to(dtype), synthesis.to(dtype)
-
-
-def turn(kernel: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
-    """Turn kernels counter-clockwise about their centre, exactly within the band (T_g of Eq. 7, rho = 1).
-
-    Args:
-        kernel: (B, C, h, h), h odd.
-        angles: (n,) radians.
-
-    Returns:
-        (B, n, C, h, h), zero outside `disc`.
-    """
-    size = _check_kernel(kernel)[-1]
-    orders, analysis, synthesis = _turning(size, kernel.dtype.to_complex(), kernel.device)
-    coefficients = kernel.flatten(2).to(analysis.dtype) @ analysis.T  # (B, C, D)
-    phases = torch.exp(-1j * orders * angles.to(orders)[:, None])  # (n, D)
-    turned = (coefficients[:, None] * phases[:, None]) @ synthesis  # (B, n, C, h*h)
-    return turned.real.unflatten(-1, (size, size))
-
-
-def band_limited(kernel: torch.Tensor) -> torch.Tensor:
-    """The part of a kernel (B, C, h, h) that can be turned: its least-squares fit by polar harmonics."""
-    return turn(kernel, torch.zeros(1, device=kernel.device))[:, 0]
-
-
-def orbit(kernel: torch.Tensor, rotations: int) -> torch.Tensor:
-    """Turn a kernel by every g_i in C_n (Sec. A.8.4): the lift L(psi) of A.9.3, made explicitly.
-
-    Args:
-        kernel: (B, C, h, h), h odd.
-        rotations: n.
-
-    Returns:
-        (B, n, C, h, h); entry i is turned counter-clockwise by 2 pi i / n.
-    """
-    return turn(kernel, torch.from_numpy(angle_bins(rotations)).to(kernel.device))
-
-
-def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
-    """Fourier coefficients of an orbit over its rotation axis, c_k for k = 0..frequency.
-
-    Args:
-        stack: (B, n, C, h, h), see `orbit`.
-        frequency: the largest k, below n / 2.
-
-    Returns:
-        (B, frequency + 1, C, h, h) complex.
-    """
-    _check_frequency(frequency, stack.shape[1])
-    return torch.fft.fft(stack, dim=1, norm="forward")[:, : frequency + 1]
-
-
 @lru_cache(maxsize=16)
-@torch.inference_mode(False)
+@torch.inference_mode(False)  # so that training can use tensors that a decision cached
 def _lift_map(
     size: int, rotations: int, frequency: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -161,7 +102,7 @@ class SteerableKernel:
 
     @classmethod
     def lift(cls, kernel: torch.Tensor, rotations: int, frequency: int) -> SteerableKernel:
-        """``fourier(orbit(kernel, rotations), frequency)`` by one linear map, without making the orbit.
+        """The Fourier transform of a kernel's orbit, by one linear map that does not make the orbit.
 
         Args:
             kernel: (B, C, h, h), h odd.
@@ -171,8 +112,8 @@ class SteerableKernel:
         Raises:
             ValueError: the kernel or the frequency is not as above.
         """
-        batch, channels, size, _ = _check_kernel(kernel)
-        _check_frequency(frequency, rotations)
+        batch, channels, size, _ = check_kernel(kernel)
+        check_frequency(frequency, rotations)
         analysis, synthesis = _lift_map(size, rotations, frequency, kernel.dtype.to_complex(), kernel.device)
         pixels = kernel.reshape(batch * channels, -1).to(analysis.dtype)
         weights = analysis.flatten(0, 1) @ pixels.T  # ((K+1)*J, B*C)
@@ -201,12 +142,14 @@ class SteerableKernel:
         return correlate(features, torch.cat([self.coefficients.real, self.coefficients.imag], dim=1))
 
 
-def _check_kernel(kernel: torch.Tensor) -> torch.Size:
+def check_kernel(kernel: torch.Tensor) -> torch.Size:
+    """The shape of kernels. Raises ValueError if it is not (B, C, h, h) with odd h."""
     if kernel.ndim != 4 or kernel.shape[-1] != kernel.shape[-2] or kernel.shape[-1] % 2 == 0:
         raise ValueError(f"kernel must be (B, C, h, h) with odd h, got {tuple(kernel.shape)}")
     return kernel.shape
 
 
-def _check_frequency(frequency: int, rotations: int) -> None:
+def check_frequency(frequency: int, rotations: int) -> None:
+    """Raises ValueError for a frequency that so few rotations do not have."""
     if not 0 <= frequency < rotations / 2:
         raise ValueError(f"frequency must be in [0, {rotations}/2) for {rotations} rotations, got {frequency}")

@@ -22,11 +22,11 @@ import torch.nn.functional as F
 from timing import seconds
 
 from gem_lite.se2 import angle_bins, rotate_image
-from gem_lite.steerable import SteerableKernel, band_limited, disc
+from gem_lite.steerable import SteerableKernel, disc
 from gem_lite.steerable.correlation import sample
 
 sys.path.append(str(Path(__file__).parents[2] / "notebooks"))
-from orbits import peak
+from orbits import band_limited, peak
 
 warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
 
