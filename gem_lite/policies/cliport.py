@@ -27,9 +27,9 @@ from gem_lite.language import Queries
 from gem_lite.policies.base import METHODS
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import Pointwise, ResidualBlock, UNet, decoder_widths
-from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig, Rival
+from gem_lite.policies.transporter import KeyQuery, KeyQueryConfig, Rival, TopView
 from gem_lite.rgbd.camera import View
-from gem_lite.rgbd.heightmap import HeightMap, fuse_views
+from gem_lite.rgbd.heightmap import fuse_views
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,7 @@ class FeatureConfig(InputConfig):
 
 @dataclass(frozen=True)
 class ClipPortConfig(KeyQueryConfig, FeatureConfig):
-    """CLIPort's numbers.
-
-    Attributes:
-        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
-    """
+    """CLIPort's numbers. It recolours: CLIP's features keep the true colours."""
 
     INPUTS: ClassVar[type[InputConfig]] = FeatureConfig
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
@@ -162,7 +158,7 @@ class WithSemantics(nn.Module):
     Args:
         semantics: from CLIP's last features and the words to semantic features.
         inner: the widths of CLIP's inner features, and the widths to which they are projected.
-        network: from RGB-D, the words, further inputs, and the semantic features of every level to the output.
+        network: from RGB-D, the words, the picks of a place, and the semantic features of every level to the output.
     """
 
     def __init__(
@@ -173,21 +169,19 @@ class WithSemantics(nn.Module):
         self.inner = nn.ModuleList(Pointwise(before, after) for before, after in inner)
         self.network = network
 
-    def forward(
-        self, rgbd: torch.Tensor, features: Sequence[torch.Tensor], words: torch.Tensor, *network_inputs: torch.Tensor
-    ) -> torch.Tensor:
-        """``rgbd`` (B, 4, H, W), ``features`` (B, C_i, h_i, w_i), ``words`` (B, D) and further inputs to the output."""
-        last, *inner = (feature.float() for feature in features)
+    def forward(self, rgbd: torch.Tensor, words: torch.Tensor, *others: torch.Tensor) -> torch.Tensor:
+        """``rgbd`` (B, 4, H, W), ``words`` (B, D); for a place picks (B, 2); features (B, C_i, h_i, w_i); to logits."""
+        first = len(others) - len(self.inner) - 1
+        last, *inner = (feature.float() for feature in others[first:])
         levels = [self.semantics(last, words)]
         levels += [F.relu(project(feature)) for project, feature in zip(self.inner, inner, strict=True)]
-        return self.network(rgbd, words, *network_inputs, *levels)
+        return self.network(rgbd, words, *others[:first], *levels)
 
 
 @dataclass(frozen=True)
-class DenseView:
+class DenseView(TopView):
     """CLIPort's scene: the table from above, and CLIP's features (D_i, h_i, w_i) of it, the last ones first."""
 
-    heightmap: HeightMap
     features: tuple[torch.Tensor, ...]
 
 
@@ -219,11 +213,6 @@ class ClipPort(Rival[DenseView]):
         semantics = self.Semantics(self.last_width, self.language_dim, self.config)
         return WithSemantics(semantics, self._inner, network)
 
-    @property
-    @override
-    def recolors(self) -> bool:
-        return self.config.recolor  # CLIP's features keep the true colours.
-
     @override
     def embed(self, views: Sequence[View]) -> DenseView:
         heightmap = fuse_views(views, self.config.workspace)
@@ -245,14 +234,6 @@ class ClipPort(Rival[DenseView]):
         # In half precision, the features of a prepared step need less than 1 MB.
         features = {f"level {level}": feature.half() for level, feature in enumerate(scene.features)}
         return Inputs(rgbd=to_rgbd(scene.heightmap), features=features, words=self.words(queries))
-
-    @override
-    def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        return self.pick(inputs.rgbd, list(inputs.features.values()), inputs.words["pick"]).float()
-
-    @override
-    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        return self.place(inputs.rgbd, list(inputs.features.values()), inputs.words["place"], picks)
 
 
 @METHODS.register("cliport-grounded")

@@ -8,13 +8,9 @@ from gem_lite.config import Config
 from gem_lite.policies.base import METHODS, Policy
 
 
-def _first_line(method: type[Policy]) -> str:
-    return (inspect.getdoc(method) or "").partition("\n")[0]
-
-
 def meanings() -> dict[str, str]:
     """The meaning of every method, alone and with one ending, by its name; a name may have several endings."""
-    plain = {name: _first_line(METHODS.find(name)) for name in METHODS.names()}
+    plain = {name: (inspect.getdoc(METHODS.find(name)) or "").partition("\n")[0] for name in METHODS.names()}
     ablated = {
         f"{name}-{ending}": ablation.meaning
         for name in METHODS.names()

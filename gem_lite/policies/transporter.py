@@ -57,6 +57,7 @@ class KeyQueryConfig(Config):
         query: side of the crop at the pick (pixels, one less than a multiple of 16), near GEM's crop.
         pick_angles: at how many angles a pick is scored; None: at ``angles``, as GEM's. CLIPort has one.
         map_rules: whether the policy keeps to GEM's rules where it acts (`Rival.gates`).
+        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
     """
 
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
@@ -81,18 +82,17 @@ class KeyQueryConfig(Config):
     )  # fmt: skip
     pick_angles: int | None = entry(None, or_none(COUNT), added=True)
     map_rules: bool = entry(False, FLAG, added=True)
+    recolor: bool = entry(False, FLAG, added=True)
 
 
 @dataclass(frozen=True)
 class TransporterConfig(KeyQueryConfig):
-    """Transporter-Lan's numbers.
+    """Transporter-Lan's numbers. It does not recolour: the picture is all that it knows of colours.
 
     Attributes:
         joins: at how many levels the words are joined to the U-Nets, from the bottleneck up. The paper has 1. The cells
             of `lite`'s bottleneck are twice as wide as the paper's, wider than a block; those of its next level are as
             wide as the paper's.
-        recolor: whether training exchanges and scales the picture's colours (`augment.recolored`). The picture is all
-            that this method knows of colours.
     """
 
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {
@@ -105,7 +105,6 @@ class TransporterConfig(KeyQueryConfig):
     }
 
     joins: int = entry(2, whole_number(1, 4))
-    recolor: bool = entry(False, FLAG, added=True)
 
 
 def turned_crops(
@@ -181,9 +180,25 @@ class KeyQuery(nn.Module):
 
 
 class Rival(Policy[SceneT]):
-    """What Transporter-Lan and CLIPort share: one pick angle and GEM's rules, if their configuration says so."""
+    """What Transporter-Lan and CLIPort share: one pick angle and GEM's rules, if their configuration says so.
+
+    Their networks get RGB-D, words, for a place the picks, and the features, if the method has any.
+    """
 
     config: KeyQueryConfig
+
+    @property
+    @override
+    def recolors(self) -> bool:
+        return self.config.recolor
+
+    @override
+    def score_pick(self, inputs: Inputs) -> torch.Tensor:
+        return self.pick(inputs.rgbd, inputs.words["pick"], *inputs.features.values()).float()
+
+    @override
+    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
+        return self.place(inputs.rgbd, inputs.words["place"], picks, *inputs.features.values())
 
     @property
     @override
@@ -238,11 +253,6 @@ class TransporterLan(Rival[TopView]):
         key, query = (UNet(RGBD, c.channels, words, c.widths, c.joins) for _ in range(2))
         return UNet(RGBD, self.pick_angles, words, c.widths, c.joins), KeyQuery(key, query, c)
 
-    @property
-    @override
-    def recolors(self) -> bool:
-        return self.config.recolor
-
     @override
     def embed(self, views: Sequence[View]) -> TopView:
         return TopView(fuse_views(views, self.config.workspace))
@@ -250,11 +260,3 @@ class TransporterLan(Rival[TopView]):
     @override
     def inputs(self, scene: TopView, queries: Queries) -> Inputs:
         return Inputs(rgbd=to_rgbd(scene.heightmap), words=self.words(queries))
-
-    @override
-    def score_pick(self, inputs: Inputs) -> torch.Tensor:
-        return self.pick(inputs.rgbd, inputs.words["pick"]).float()
-
-    @override
-    def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
-        return self.place(inputs.rgbd, inputs.words["place"], picks)

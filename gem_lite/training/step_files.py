@@ -85,14 +85,12 @@ def store(
     # Beside the subfolder, since that may be removed.
     lock = filelock.FileLock(own.with_suffix(".lock"))
     try:
-        lock.acquire(timeout=0)
+        held = lock.acquire(timeout=0)
     except filelock.Timeout:
         print(f"another process prepares the same steps in {own}: waiting for it")
-        lock.acquire()
-    try:
+        held = lock.acquire()
+    with held:
         return _stored(steps_from, own, facts)
-    finally:
-        lock.release()
 
 
 def _stored(

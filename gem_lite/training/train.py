@@ -222,12 +222,6 @@ def prepared_steps(
         return step_files.prepare(policy, sets, shared or run / PREPARED)
 
 
-def discard(run: Path) -> None:
-    """Remove the files of `train` and `prepared_steps` in ``run``, after the checkpoint is written."""
-    (run / STATE_FILE).unlink(missing_ok=True)
-    shutil.rmtree(run / PREPARED, ignore_errors=True)
-
-
 def hardware(device: str) -> str:
     """The hardware of a training in words: the name of the GPUs, or the number of used CPU cores and of all."""
     if device != "cpu":
@@ -280,7 +274,8 @@ def train_from_folder(
         "hardware": hardware(device),
     }
     checkpoints.save_policy(policy, checkpoint, facts)
-    discard(run)
+    (run / STATE_FILE).unlink(missing_ok=True)
+    shutil.rmtree(run / PREPARED, ignore_errors=True)
     return {"method": policy.name, **facts}
 
 
