@@ -235,7 +235,7 @@ def test_localisation_and_curves_are_drawn(world):
     away = np.ones(MOBILE.workspace.shape)
     fig = plot_mobile.show_localisation(view, tags.find_tags(view)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
-    assert world.photograph().shape == (480, 640, 3)
+    assert plot_mobile.photograph(world).shape == (480, 640, 3)
     cells = {size: Score(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
     robot = {"seen": cells[0], "unseen": cells[4]}
     fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}}, robot)

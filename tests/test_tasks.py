@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pybullet as p
 import pytest
+from pointing import bodies_from_above
 from shapely import affinity
 from shapely.geometry import Point
 
@@ -16,7 +17,6 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import effectors
 from gem_lite.simulation.bodies import shapes, trays
-from gem_lite.simulation.rendering import bodies_from_above
 from gem_lite.tasks import bars_in_box, packing_shapes, stack_block_pyramid
 from gem_lite.tasks.goals import ZoneMetric
 

@@ -14,6 +14,7 @@ from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.effectors import planar
 from gem_lite.simulation.rendering import render
 from gem_lite.simulation.world import World
 from gem_lite.tasks.spawn import FreeSpace
@@ -111,7 +112,7 @@ def test_the_tool_turns_the_short_way(world, stage, monkeypatch):
 
     def recorded(**kwargs):
         simulate(**kwargs)
-        yaws.append(world.effector.yaw)
+        yaws.append(planar(world.client, world.effector.id).yaw)
 
     world.effector.pick(Pose2(HERE.x, HERE.y, 3.0), set())
     monkeypatch.setattr(p, "stepSimulation", recorded)

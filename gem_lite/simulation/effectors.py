@@ -1,6 +1,6 @@
 """End effectors by name. They carry out picks, places and pushes. The library's are floating tools.
 
-A task names its effector. A program outside the library registers its own effector in the same way, such as an arm:
+A task names its effector. A program outside the library registers its own in the same way, such as an arm:
 
     @effectors.EFFECTORS.register("arm")
     class Arm: ...
@@ -9,17 +9,33 @@ A task names its effector. A program outside the library registers its own effec
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar, Protocol
 
 import numpy as np
 import pybullet as p
 from typing_extensions import override
 
-from gem_lite.actions import Action, PickPlace, Push
+from gem_lite.actions import Action, GripperState, PickPlace, Push
 from gem_lite.foundations.registry import Registry
-from gem_lite.se2 import Pose2, wrap
-from gem_lite.simulation.floating_tool import CLEARANCE, STRIDE, FloatingTool, Log, planar
+from gem_lite.se2 import Pose2, quaternion, wrap
 
+RATE = 240
+"""Simulation steps per second."""
+PARKED = (0.0, 0.0, 0.6)
+"""The position (m) where the tool of a single table waits: no camera sees it there."""
+CLEARANCE = 0.2
+"""Height (m) at which the tool travels."""
+STRIDE = 0.003
+"""Metres per simulation step. With a larger stride, the tool lags behind its target by centimetres."""
+TURN = 0.03
+"""Radians per simulation step."""
+FORCE = 200.0
+LOG_EVERY = 8
+"""Simulation steps between two states in the log: 30 a second."""
+Log = Callable[[GripperState], None]
+"""Called with a state of a gripper."""
 TIP_RADIUS = 0.005
 TIP_LENGTH = 0.03
 JAW_ANGLE = np.radians(20)
@@ -34,12 +50,10 @@ BLADE_ABOVE = 0.003
 """Height (m) of the blade's lower edge over the table when it pushes."""
 RUN_UP = 0.02
 """A push begins this far (m) behind its start, so that the blade does not come down on the body to push."""
-PUSH_STRIDE = STRIDE / 3
-"""Metres per simulation step during a push."""
 LOW_LIFT = 0.02
 """How far (m) the low suction cup lifts what it carries, as in CLIPort."""
 SLOW_STRIDE = STRIDE / 3
-"""Metres per simulation step of the low suction cup while it carries a body."""
+"""Metres per simulation step during a push, and of the low suction cup while it carries a body."""
 DARK = (0.1, 0.1, 0.1, 1)
 
 
@@ -66,26 +80,114 @@ class Effector(Protocol):
 
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
         """Grasp one of the ``movable`` bodies at ``pose``. Returns whether a body is held."""
-        ...
 
     def place(self, pose: Pose2) -> None:
         """Put the held body at ``pose``."""
-        ...
 
     def push(self, start: Pose2, end: Pose2) -> None:
         """Push along the table from ``start`` to ``end``."""
-        ...
 
     def carry(self, pose: Pose2) -> None:
         """Move above ``pose``, with the held body if there is one."""
-        ...
 
     def park(self) -> None:
         """Release the held body and leave the view of the cameras."""
-        ...
 
 
 EFFECTORS: Registry[type[Effector]] = Registry("end effector")
+
+
+class FloatingTool(ABC):
+    """The motion of a tool: a strong constraint pulls its body to the target pose. See `Effector`.
+
+    Attributes:
+        reach: the distance (m) from the tool's centre down to its lower end.
+        id: the id of its body.
+        travel_height: height (m) at which it travels now.
+        stride: metres per simulation step at which it travels now.
+    """
+
+    reach: ClassVar[float]
+
+    def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
+        self._client = client
+        self._parked = parked
+        self._log = log
+        self.id = p.createMultiBody(0.5, *self.make_shapes(client), parked, physicsClientId=client)
+        self._drive = p.createConstraint(
+            self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), parked, physicsClientId=client
+        )
+        self._target = np.array(parked)
+        self._yaw = 0.0
+        self.held: int | None = None
+        self.travel_height = CLEARANCE
+        self.stride = STRIDE
+        self._clock = 0
+
+    @staticmethod
+    @abstractmethod
+    def make_shapes(client: int) -> tuple[int, int]:
+        """The tool's collision shape and visual shape, centred on the tool."""
+
+    def carry(self, pose: Pose2) -> None:
+        """Travel above ``pose``, with the held body if there is one."""
+        self._rise()
+        # The shorter of the two turns; the tool turns while it travels.
+        yaw = self._yaw + wrap(pose.yaw - self._yaw)
+        self._move(np.array([pose.x, pose.y, self.travel_height]), yaw, self.stride)
+
+    def park(self) -> None:
+        """Leave the view of the cameras."""
+        self._move(np.array(self._parked), 0.0)
+
+    def _touching(self, body: int, without: set[int]) -> set[int]:
+        contacts = p.getContactPoints(bodyA=body, physicsClientId=self._client)
+        other_body, distance = 2, 8  # PyBullet's places in a contact
+        return {contact[other_body] for contact in contacts if contact[distance] <= 0} - without
+
+    def _rise(self) -> None:
+        self._move(np.array([*self._target[:2], self.travel_height]), self._yaw, self.stride)
+
+    def _descend(self, touching: Callable[[], set[int]], above: float = 0.0) -> set[int]:
+        """Go down in strides of 1 mm until the tool touches a body or its lower end is ``above`` (m) the table.
+
+        Returns:
+            The ids of the bodies that it touches, from ``touching()``.
+        """
+        touched = touching()
+        while not touched and self._target[2] > self.reach + above:
+            self._advance(self._target - [0, 0, 0.001], self._yaw)
+            touched = touching()
+        return touched
+
+    def _move(self, goal: np.ndarray, yaw: float, stride: float = STRIDE) -> None:
+        steps = max(float(np.linalg.norm(goal - self._target)) / stride, abs(yaw - self._yaw) / TURN)
+        for _ in range(math.ceil(steps) + 1):
+            path = goal - self._target
+            turn = yaw - self._yaw
+            distance = np.linalg.norm(path)
+            if distance < 1e-6 and abs(turn) < 1e-6:
+                break
+            step = path * min(1.0, stride / max(distance, 1e-9))
+            self._advance(self._target + step, self._yaw + float(np.clip(turn, -TURN, TURN)))
+        for _ in range(10):
+            self._simulate()
+
+    def _advance(self, target: np.ndarray, yaw: float) -> None:
+        self._target = target
+        self._yaw = yaw
+        p.changeConstraint(
+            self._drive, target.tolist(), jointChildFrameOrientation=quaternion(yaw), maxForce=FORCE,
+            physicsClientId=self._client,
+        )  # fmt: skip
+        self._simulate()
+
+    def _simulate(self) -> None:
+        p.stepSimulation(physicsClientId=self._client)
+        self._clock += 1
+        if self._clock % LOG_EVERY == 0:
+            pose = planar(self._client, self.id)
+            self._log(GripperState(pose.x, pose.y, pose.yaw, self.held is not None))
 
 
 @EFFECTORS.register("suction")
@@ -132,7 +234,6 @@ class Suction(FloatingTool):
 
     @override
     def park(self) -> None:
-        """Release the held body and leave the view of the cameras."""
         self._release()
         super().park()
 
@@ -216,5 +317,11 @@ class Spatula(FloatingTool):
         behind = Pose2(start.x, start.y, yaw) @ Pose2(-RUN_UP, 0.0)
         self.carry(behind)
         self._descend(lambda: self._touching(self.id, without=set()), above=BLADE_ABOVE)
-        self._move(np.array([end.x, end.y, self._target[2]]), self._yaw, PUSH_STRIDE)
+        self._move(np.array([end.x, end.y, self._target[2]]), self._yaw, SLOW_STRIDE)
         self._rise()
+
+
+def planar(client: int, body: int) -> Pose2:
+    """The pose of a body, seen from above."""
+    (x, y, _), turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
+    return Pose2(x, y, p.getEulerFromQuaternion(turn)[2])

@@ -16,8 +16,7 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body
-from gem_lite.simulation.effectors import EFFECTORS, Effector
-from gem_lite.simulation.floating_tool import PARKED, RATE
+from gem_lite.simulation.effectors import EFFECTORS, PARKED, RATE, Effector
 from gem_lite.simulation.looks import HOME, Look
 
 SOLVED = 0.99
@@ -35,13 +34,7 @@ def _ignore(_: object) -> None:
 
 
 class PlayedTask(Protocol):
-    """A task as an environment knows it: `gem_lite.tasks.Task`.
-
-    Attributes:
-        workspace: the area of the task's table.
-        effector: the name of the tool, see `effectors`.
-        max_steps: the number of actions after which an episode ends.
-    """
+    """What an environment needs of a task. See `gem_lite.tasks.Task`."""
 
     workspace: Workspace
     effector: str
@@ -50,23 +43,18 @@ class PlayedTask(Protocol):
     @property
     def instruction(self) -> str:
         """The present sentence."""
-        ...
 
     def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:
         """Put the bodies of an episode on the tables."""
-        ...
 
     def score(self, environment: Environment) -> float:
         """The share of the task that is done, in [0, 1]."""
-        ...
 
     def advance(self, environment: Environment) -> None:
         """Called after every action: go on to the next sentence."""
-        ...
 
     def expert(self, environment: Environment) -> ExpertAction | None:
         """The next action, from ground truth, or None if nothing is left to do."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -266,6 +254,12 @@ class Environment(ABC):
 
     # The scene
 
+    @property
+    def middle(self) -> Pose2:
+        """The middle of a table, in the table's frame."""
+        w = self.workspace
+        return Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+
     @abstractmethod
     def furnish(self) -> None:
         """Add the tables and the floor."""
@@ -286,11 +280,7 @@ class Environment(ABC):
         self.film(state)
 
     def add_slab(self, pose: Pose2, half: tuple[float, float, float], top: float, color: RGBA, solid: bool) -> int:
-        """Add a fixed box with its upper face at the height ``top``. If it is not ``solid``, it is visible only.
-
-        Returns:
-            Its id.
-        """
+        """Add a fixed box, its upper face at the height ``top``; visible only if not ``solid``. Returns its id."""
         common = dict(halfExtents=half, physicsClientId=self.client)
         visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=color, **common)
         collision = p.createCollisionShape(p.GEOM_BOX, **common) if solid else -1

@@ -13,21 +13,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pybullet as p
-import trimesh
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from gem_lite.rgbd.camera import Camera, View, as_pose, camera_looking_at
+from gem_lite.rgbd.camera import Camera, View, as_pose
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.tags import LocalisationError, table_in_base
 from gem_lite.se2 import Pose2, quaternion
 from gem_lite.simulation.bodies import tag_plates
-from gem_lite.simulation.bodies.shapes import create_compound, create_visual
+from gem_lite.simulation.bodies.shapes import boxes_mesh, create_body, create_visual
+from gem_lite.simulation.effectors import CLEARANCE
 from gem_lite.simulation.environment import Environment, PlayedTask
-from gem_lite.simulation.floating_tool import CLEARANCE
 from gem_lite.simulation.looks import HOME as HOME_STYLE
 from gem_lite.simulation.looks import TABLE_COLOR, Look
-from gem_lite.simulation.rendering import LIGHT, Light, cameras_around, render
+from gem_lite.simulation.rendering import cameras_around, render
 
 TABLE_HEIGHT = 0.7
 """Height (m) of the tables' tops above the floor. All heights are measured from the tables' tops."""
@@ -109,9 +108,7 @@ def disturbed(find: Finder, error: Pose2) -> Finder:
     """A `Finder` whose poses are wrong by ``error``: a shift, and a turn about the table's middle."""
 
     def find_with_error(world: MobileWorld, table: int) -> Pose2:
-        w = world.workspace
-        middle = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
-        return find(world, table) @ middle @ error @ middle.inverse()
+        return find(world, table) @ world.middle @ error @ world.middle.inverse()
 
     return find_with_error
 
@@ -155,10 +152,8 @@ class MobileWorld(Environment):
         w = self.workspace
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2)
         for table, number in zip(self.tables, self.tags, strict=True):
-            middle = table @ Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
-            self.add_slab(middle, (*half, 0.02), 0.0, TABLE_COLOR, solid=True)
-            flange = table @ Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
-            self.add_slab(flange, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, TABLE_COLOR, solid=True)
+            self.add_slab(table @ self.middle, (*half, 0.02), 0.0, TABLE_COLOR, solid=True)
+            self.add_slab(table @ self.tag, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, TABLE_COLOR, solid=True)
             tag_plates.add_tag(self.client, number, table @ self.tag)
         self.add_slab(self.tables[0], (20.0, 20.0, 0.05), -TABLE_HEIGHT, self.style.floor, solid=True)
         self._base = add_base(self.client, self.body.camera)
@@ -167,8 +162,7 @@ class MobileWorld(Environment):
     @property
     def tag(self) -> Pose2:
         """A table's tag in that table's frame, the same on all."""
-        w = self.workspace
-        return Pose2(w.x_max + FLANGE / 2, (w.y_min + w.y_max) / 2)
+        return Pose2(self.workspace.x_max + FLANGE / 2, self.middle.y)
 
     @override
     def begin(self, task: PlayedTask, seed: int) -> None:
@@ -178,25 +172,14 @@ class MobileWorld(Environment):
     @override
     def observe(self) -> tuple[Observation, ...]:
         cameras = cameras_around(self.workspace)
-        light = self.style.light
         return tuple(
-            Observation(tuple(take_picture(self.client, camera, table, light) for camera in cameras))
-            for table in self.tables
+            Observation(tuple(self._take_picture(camera, table) for camera in cameras)) for table in self.tables
         )
 
     @override
     def reach(self, table: int) -> Pose2:
         """Drive to a table and find its pose with `find`. Raises the errors of `find`."""
         return self.find(self, table)
-
-    def photograph(self) -> np.ndarray:
-        """(H, W, 3) uint8: a picture of tables and robot, for figures."""
-        middles = [table @ Pose2(self.workspace.x_max, 0.0) for table in self.tables]
-        x, y = np.mean([(middle.x, middle.y) for middle in middles], axis=0)
-        distance = 1.2 + max(np.hypot(middle.x - x, middle.y - y) for middle in middles)
-        position = (x - distance, y + 0.85 * distance, 0.65 * distance)
-        camera = camera_looking_at("outside", position, (x, y - 0.22 * distance, -0.45))
-        return render(self.client, camera, self.style.light)[0].rgb
 
     def drive(self, table: int, sideways: float = 0.0) -> None:
         """Drive the base to a table. Its odometry decides how far from the planned pose it stops.
@@ -209,16 +192,15 @@ class MobileWorld(Environment):
         Raises:
             IndexError: there is no such table.
         """
-        w = self.workspace
         shift, turn = self.body.odometry
-        planned = Pose2(w.x_max + STAND, (w.y_min + w.y_max) / 2 + sideways, math.pi)
+        planned = Pose2(self.workspace.x_max + STAND, self.middle.y + sideways, math.pi)
         error = Pose2(*self._rng.normal(0, shift, 2), self._rng.normal(0, turn))
         self._move_base(self.tables[table] @ planned @ error)
         self.effector.carry(self.base @ CARRY)
 
     def look(self) -> View:
         """The view of the body camera, in the base's frame. It carries the camera's assumed pose, not the true one."""
-        view = take_picture(self.client, self.body.camera, self.base @ self.body.camera_offset, self.style.light)
+        view = self._take_picture(self.body.camera, self.base @ self.body.camera_offset)
         noise = self._rng.normal(0, self.body.camera_noise, view.rgb.shape) if self.body.camera_noise else 0
         return replace(view, rgb=np.clip(np.round(view.rgb + noise), 0, 255).astype(np.uint8))
 
@@ -236,19 +218,13 @@ class MobileWorld(Environment):
         position = (pose.x, pose.y, 0.0)
         p.resetBasePositionAndOrientation(self._base, position, quaternion(pose.yaw), physicsClientId=self.client)
 
-
-def camera_in_world(camera: Camera, frame: Pose2) -> Camera:
-    """A camera in the world's frame, from its pose in another frame, which lies at ``frame`` in the world."""
-    x, y, z = camera.position
-    position = frame @ Pose2(x, y)
-    rotation = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
-    return replace(camera, pose=as_pose(rotation, (position.x, position.y, z)))
-
-
-def take_picture(client: int, camera: Camera, frame: Pose2, light: Light = LIGHT) -> View:
-    """The view of a camera whose pose is given in ``frame``. The view is in that frame, too."""
-    view, _ = render(client, camera_in_world(camera, frame), light)
-    return replace(view, camera=camera)
+    def _take_picture(self, camera: Camera, frame: Pose2) -> View:
+        """The view of a camera whose pose is given in ``frame``. The view is in that frame, too."""
+        x, y, z = camera.position
+        position = frame @ Pose2(x, y)
+        rotation = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
+        in_world = replace(camera, pose=as_pose(rotation, (position.x, position.y, z)))
+        return replace(render(self.client, in_world, self.style.light)[0], camera=camera)
 
 
 def add_base(client: int, camera: Camera) -> int:
@@ -258,8 +234,6 @@ def add_base(client: int, camera: Camera) -> int:
     dark = [((-0.06, -0.02, -0.20), (-0.02, 0.02, top)), ((-0.06, -0.09, top - 0.03), (0.03, 0.09, top + 0.03))]
     for x in (-0.44, 0.28):
         dark += [((x - 0.03, y - 0.03, -TABLE_HEIGHT), (x + 0.03, y + 0.03, -0.36)) for y in (-0.16, 0.16)]
-    visuals = []
-    for boxes, color in ((trunk, BODY_COLOR), (dark, LEG_COLOR)):
-        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=bounds) for bounds in boxes])
-        visuals.append(create_visual(client, mesh, color, 0.0))
-    return create_compound(client, -1, visuals, ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 0.0)
+    colored = ((trunk, BODY_COLOR), (dark, LEG_COLOR))
+    visuals = [create_visual(client, boxes_mesh(boxes), color, 0.0) for boxes, color in colored]
+    return create_body(client, -1, visuals, Pose2(0.0, 0.0), 0.0, 0.0, movable=False).id

@@ -109,21 +109,3 @@ def projection(camera: Camera) -> list[float]:
     bottom = (y - height) / focal_y * camera.near
     top = y / focal_y * camera.near
     return p.computeProjectionMatrix(left, right, bottom, top, camera.near, camera.far)
-
-
-def bodies_from_above(client: int, workspace: Workspace) -> np.ndarray:
-    """The topmost body in each cell of a height map: for scoring and tests; no policy gets it.
-
-    Returns:
-        (H, W) body ids (-1: no body) at the centres of the cells.
-    """
-    # A camera 50 m above the table moves the top of a block by less than half a millimetre. An orthographic projection
-    # would be exact, but with it TinyRenderer loses parts of bowls.
-    w = workspace
-    height = 50.0
-    position = ((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2, height)
-    near = height - w.z_max
-    far = height + 1
-    camera = Camera.pinhole("above", position, (1.0, 0.0, 0.0, 0.0), w.shape, height / w.pixel, near, far)
-    ids = render(client, camera, segmentation=True)[1]
-    return np.where(ids < 0, ids, ids & 0xFFFFFF)  # without the bits of the link

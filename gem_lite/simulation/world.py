@@ -24,18 +24,13 @@ class World(Environment):
     def furnish(self) -> None:
         w = self.workspace
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005)
-        self.add_slab(self._centre, half, 0.0, TABLE_COLOR, solid=False)
-        self.add_slab(self._centre, (3.0, 3.0, 0.05), 0.0, INVISIBLE, solid=True)
+        self.add_slab(self.middle, half, 0.0, TABLE_COLOR, solid=False)
+        self.add_slab(self.middle, (3.0, 3.0, 0.05), 0.0, INVISIBLE, solid=True)
         self._floor = self.add_floor()
 
     def add_floor(self) -> int:
         """Add the floor round the table. Returns its id."""
-        return self.add_slab(self._centre, (3.0, 3.0, 0.0005), -0.1, self.style.floor, solid=False)
-
-    @property
-    def _centre(self) -> Pose2:
-        w = self.workspace
-        return Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+        return self.add_slab(self.middle, (3.0, 3.0, 0.0005), -0.1, self.style.floor, solid=False)
 
     @override
     def observe(self) -> tuple[Observation, ...]:

@@ -13,7 +13,7 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import kits, shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
-from gem_lite.tasks.packing_shapes import ROUND, TURNS, grasp_point
+from gem_lite.tasks.packing_shapes import grasp_point, piece_symmetry
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Split, Task
@@ -78,12 +78,11 @@ class AssemblingKits(Task):
             name = names[number]
             color = self.named_colors[number]
             mesh = shapes.piece_mesh(name)
-            pose = free.take(PIECE_RADIUS)
-            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
+            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), free.take(PIECE_RADIUS))
             self.put(environment, piece, f"{color} {name}")
             twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
             where = f"{location(places[number], twins)} {name} hole".strip()
-            symmetry = 0.0 if name in ROUND else 2 * math.pi / TURNS.get(name, 1)
+            symmetry = piece_symmetry(name)
             metric = PoseMetric(TOLERANCE, symmetry, YAW_TOLERANCE)
             sentence = f"put the {color} {name} in the {where}"
             grasp = Pose2(*grasp_point(name))

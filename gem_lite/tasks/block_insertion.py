@@ -25,11 +25,6 @@ GRASP = Pose2(-0.02, -0.02)
 BLOCK_RADIUS = 0.05 * math.sqrt(2)
 
 
-def seated(block: shapes.Body) -> PoseMetric:
-    """Decides by position, yaw and height whether an L is in its fixture. It has no symmetry: only one yaw is right."""
-    return PoseMetric(TOLERANCE, FULL_TURN, YAW_TOLERANCE, trays.WALL + block.rest_height, DEPTH_TOLERANCE)
-
-
 @register("block-insertion")
 class BlockInsertion(Task):
     """One movable L-block and one fixed fixture of another colour, each at any pose."""
@@ -39,18 +34,19 @@ class BlockInsertion(Task):
         free = FreeSpace(environment.workspace, rng, environment.style)
         block, fixture = draw(rng, colors.SEEN, 2)
         fixture_pose = free.take(trays.FIXTURE_RADIUS)
-        block_pose = free.take(BLOCK_RADIUS)
-        return self.arrange(environment, (block, fixture), block_pose, fixture_pose)
+        return self.arrange(environment, (block, fixture), free.take(BLOCK_RADIUS), fixture_pose)
 
     def arrange(
         self, environment: Environment, named: tuple[str, str], block_pose: Pose2, fixture_pose: Pose2
     ) -> list[Goal]:
         """Put an L and its fixture at two given poses, in two named colours. Returns the goal."""
         self.named_colors = named
-        rgba = [colors.rgba(name) for name in named]
-        fixture = trays.add_l_fixture(environment.client, rgba[1], fixture_pose)
-        self.put(environment, fixture, f"{named[1]} box")
-        block = shapes.add_l_block(environment.client, rgba[0], block_pose)
-        self.put(environment, block, f"{named[0]} L-block")
-        sentence = f"put the {named[0]} L-block in the {named[1]} box"
-        return [Goal(sentence, (block,), (fixture,), seated(block), grasp=GRASP, grasp_symmetry=FULL_TURN)]
+        block_color, fixture_color = named
+        fixture = trays.add_l_fixture(environment.client, colors.rgba(fixture_color), fixture_pose)
+        self.put(environment, fixture, f"{fixture_color} box")
+        block = shapes.add_l_block(environment.client, colors.rgba(block_color), block_pose)
+        self.put(environment, block, f"{block_color} L-block")
+        sentence = f"put the {block_color} L-block in the {fixture_color} box"
+        # Position, height and yaw decide. An L has no symmetry: only one yaw is right.
+        seated = PoseMetric(TOLERANCE, FULL_TURN, YAW_TOLERANCE, trays.WALL + block.rest_height, DEPTH_TOLERANCE)
+        return [Goal(sentence, (block,), (fixture,), seated, grasp=GRASP, grasp_symmetry=FULL_TURN)]

@@ -36,11 +36,9 @@ class Metric(Protocol):
     @property
     def symmetry(self) -> float:
         """See above."""
-        ...
 
     def share(self, environment: Environment, body: Body, target: Target) -> float:
         """The share of a body that is at a target, in [0, 1]. The body is there if it is 1."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -79,15 +77,12 @@ class ZoneMetric:
     Attributes:
         size: the box's sides (m) along the target's x and y axes.
         height: the box's height (m) above the table.
+        symmetry: 0, because every yaw is right.
     """
 
     size: tuple[float, float]
     height: float
-
-    @property
-    def symmetry(self) -> float:
-        """0: every yaw is right."""
-        return 0.0
+    symmetry: float = 0.0
 
     def share(self, environment: Environment, body: Body, target: Target) -> float:
         """1 if a body is at a target, else 0."""
@@ -164,10 +159,8 @@ class Goal:
     def allowed(self) -> np.ndarray:
         """(bodies, targets) bool: which body may go to which target."""
         shape = (len(self.bodies), len(self.targets))
-        if self.matches is None:
-            return np.ones(shape, bool)
-        allowed = np.zeros(shape, bool)
-        for body, numbers in enumerate(self.matches):
+        allowed = np.full(shape, self.matches is None)
+        for body, numbers in enumerate(self.matches or ()):
             allowed[body, list(numbers)] = True
         return allowed
 
@@ -188,8 +181,7 @@ class Goal:
 
     def placed(self, environment: Environment) -> set[int]:
         """The ids of the bodies that are at a target."""
-        placed = self.at_targets(environment).any(axis=1)
-        return {body.id for body, is_placed in zip(self.bodies, placed, strict=True) if is_placed}
+        return {self.bodies[number].id for number, _ in np.argwhere(self.at_targets(environment))}
 
     def next_move(self, environment: Environment) -> tuple[Body, Target]:
         """The body that is farthest from its nearest free target, and that target.
@@ -205,18 +197,15 @@ class Goal:
             raise ValueError(f"the goal {self.sentence!r} is reached: no body is left to move")
         free = self.allowed & ~at_targets.any(axis=0)
         free = np.where(free.any(axis=1, keepdims=True), free, self.allowed)
-        bodies = _positions([environment.pose(body)[0] for body in self.bodies])
-        targets = _positions([target_pose(environment, target) for target in self.targets])
+        bodies, targets = (
+            np.array([(pose.x, pose.y) for pose in [target_pose(environment, each) for each in group]])
+            for group in (self.bodies, self.targets)
+        )
         distances = np.linalg.norm(bodies[:, None] - targets, axis=-1)
         distances = np.where(free, distances, np.inf)[waiting]
         farthest = int(distances.min(axis=1).argmax())
         nearest = int(distances[farthest].argmin())
         return self.bodies[waiting[farthest]], self.targets[nearest]
-
-
-def _positions(poses: list[Pose2]) -> np.ndarray:
-    """(N, 2) metres."""
-    return np.array([(pose.x, pose.y) for pose in poses])
 
 
 def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:

@@ -7,6 +7,7 @@ can be found beside the paper's.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -64,20 +65,13 @@ class PackingObjects(Task):
         if unseen:
             self.object_names = UNSEEN if self.unseen else SEEN
 
-    def put_box(
-        self, environment: Environment, rng: np.random.Generator, free: FreeSpace
-    ) -> tuple[Body, tuple[float, float], int]:
-        """Put the brown box on the table. Returns it, its sides (m), and the number of its cells."""
+    @override
+    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
+        free = FreeSpace(environment.workspace, rng, environment.style)
         box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
-        return box, zone.size, len(split_floor(rng, zone.size, SHORTEST))
-
-    def put_objects(
-        self, environment: Environment, rng: np.random.Generator, free: FreeSpace, names: list[str]
-    ) -> tuple[list[tuple[str, Body]], dict[int, tuple[float, float, float]]]:
-        """Put objects in any colours on the table. Returns their names with their bodies, and their extents by id."""
         bodies = []
         extents = {}
-        for name in names:
+        for name in self.choose(rng, len(split_floor(rng, zone.size, SHORTEST))):
             color = str(rng.choice(list(colors.RGB)))
             variant = int(rng.integers(*VARIANTS))
             with suppress(TableFullError):
@@ -86,7 +80,18 @@ class PackingObjects(Task):
                 bodies.append((name, self.put(environment, body, f"{color} {name}")))
                 extents[body.id] = objects.extents(name, variant)
         environment.wait(TOPPLING)
-        return bodies, extents
+        metric = VolumeMetric(box, zone.size, ABOVE, extents)
+        goals = [Goal(sentence, group, (box,), metric) for sentence, group in self.ask(rng, bodies)]
+        self.max_steps = sum(len(goal.bodies) for goal in goals) + 1
+        return goals
+
+    @abstractmethod
+    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
+        """The names of the objects of an episode, for a box of ``count`` cells."""
+
+    @abstractmethod
+    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
+        """The sentences, each with the bodies that it means, from the names and the bodies on the table."""
 
     @override
     def expert(self, environment: Environment) -> ExpertAction | None:
@@ -141,25 +146,18 @@ def moved(outline: Polygon, pose: Pose2) -> Polygon:
     return affinity.affine_transform(outline, [cosine, -sine, sine, cosine, pose.x, pose.y])
 
 
-def into(box: Body, sides: tuple[float, float], extents: dict[int, tuple[float, float, float]]) -> VolumeMetric:
-    """The share of an object that is between the walls of the brown box."""
-    return VolumeMetric(box, sides, ABOVE, extents)
-
-
 @register("packing-google-objects-seq", {"seen": {}, "unseen": {"unseen": True}})
 class PackingObjectsInTurn(PackingObjects):
     """Different objects; one or more of them are named one after another. The others are distractors."""
 
     @override
-    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
-        free = FreeSpace(environment.workspace, rng, environment.style)
-        box, sides, count = self.put_box(environment, rng, free)
-        names = draw(rng, self.object_names, count)
-        bodies, extents = self.put_objects(environment, rng, free, names)
+    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
+        return draw(rng, self.object_names, count)
+
+    @override
+    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
         named = bodies[: int(rng.integers(1, max(2, len(bodies))))]
-        self.max_steps = len(named) + 1
-        metric = into(box, sides, extents)
-        return [Goal(f"pack the {name} in the brown box", (body,), (box,), metric) for name, body in named]
+        return [(f"pack the {name} in the brown box", (body,)) for name, body in named]
 
 
 @register("packing-google-objects-group", {"seen": {}, "unseen": {"unseen": True}})
@@ -167,14 +165,13 @@ class PackingObjectsByName(PackingObjects):
     """At least two objects with the named name, at least two with another name, and others. One sentence for all."""
 
     @override
-    def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
-        free = FreeSpace(environment.workspace, rng, environment.style)
-        box, sides, count = self.put_box(environment, rng, free)
+    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
         drawn = [str(name) for name in rng.choice(self.object_names, max(count, 4))]
         named, distractor = draw(rng, self.object_names, 2)
-        names = [named, named, distractor, distractor, *drawn[4:]]
-        bodies, extents = self.put_objects(environment, rng, free, names)
+        return [named, named, distractor, distractor, *drawn[4:]]
+
+    @override
+    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
+        named = bodies[0][0]
         group = tuple(body for name, body in bodies if name == named)
-        self.max_steps = len(group) + 1
-        sentence = f"pack all the {named} objects in the brown box"
-        return [Goal(sentence, group, (box,), into(box, sides, extents))]
+        return [(f"pack all the {named} objects in the brown box", group)]

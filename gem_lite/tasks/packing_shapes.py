@@ -52,9 +52,14 @@ class PackingShapes(Task):
             piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
             pieces.append(self.put(environment, piece, f"{color} {shape}"))
         named = piece_shapes[0]
-        symmetry = 0.0 if named in ROUND else 2 * math.pi / TURNS.get(named, 1)
+        sentence = f"pack the {named} in the brown box"
         grasp = Pose2(*grasp_point(named))
-        return [Goal(f"pack the {named} in the brown box", (pieces[0],), (box,), zone, 1.0, grasp, symmetry)]
+        return [Goal(sentence, (pieces[0],), (box,), zone, 1.0, grasp, piece_symmetry(named))]
+
+
+def piece_symmetry(shape: str) -> float:
+    """The smallest turn (radians) of a piece that changes nothing; 0 if none changes anything."""
+    return 0.0 if shape in ROUND else 2 * math.pi / TURNS.get(shape, 1)
 
 
 @cache

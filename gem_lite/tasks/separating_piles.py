@@ -39,12 +39,10 @@ class SeparatingPiles(Task):
         for color in (square, other):
             body = piles.add_square(environment.client, colors.rgba(color), free.take(SQUARE_RADIUS))
             squares.append(self.put(environment, body, f"{color} square"))
-        middle = Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
         offsets = rng.uniform(-SPREAD, SPREAD, (piles.CUBES, 2))
         yaws = rng.uniform(-np.pi, np.pi, piles.CUBES)
-        poses = [middle @ Pose2(float(x), float(y), float(yaw)) for (x, y), yaw in zip(offsets, yaws, strict=True)]
-        cubes = piles.add_pile(environment.client, colors.rgba(pile), poses)
-        for cube in cubes:
-            self.put(environment, cube, f"pile of {pile} blocks")
+        poses = [environment.middle @ Pose2(*place) for place in np.column_stack([offsets, yaws]).tolist()]
+        made = piles.add_pile(environment.client, colors.rgba(pile), poses)
+        cubes = [self.put(environment, cube, f"pile of {pile} blocks") for cube in made]
         sentence = f"push the pile of {pile} blocks into the {square} square"
         return [Goal(sentence, tuple(cubes), (squares[0],), ZoneMetric(SCORED, w.z_max))]

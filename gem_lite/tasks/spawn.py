@@ -49,13 +49,11 @@ class FreeSpace:
             side: the distance (m) from the body's centre to its sides; by default its radius.
         """
         side = radius if side is None else side
-        style = self._style
         pose = None
-        if style.touching and self._taken and self._rng.random() < style.touching:
+        if self._style.touching and self._taken and self._rng.random() < self._style.touching:
             pose = self._against_a_body(radius, side)
         if pose is None:
-            at_edge = style.at_edge > 0 and self._rng.random() < style.at_edge
-            pose = self._anywhere(radius, at_edge)
+            pose = self._anywhere(radius)
         if pose is not None:
             self._taken.append((pose, radius, side))
         return pose
@@ -71,7 +69,8 @@ class FreeSpace:
             raise TableFullError(f"the table has no free place for a body of radius {radius} m")
         return pose
 
-    def _anywhere(self, radius: float, at_edge: bool) -> Pose2 | None:
+    def _anywhere(self, radius: float) -> Pose2 | None:
+        at_edge = self._style.at_edge > 0 and self._rng.random() < self._style.at_edge
         w = self._workspace
         borders = (w.x_min + radius, w.x_max - radius, w.y_min + radius, w.y_max - radius)
         for _ in range(TRIES):
@@ -93,8 +92,7 @@ class FreeSpace:
             direction = int(self._rng.integers(4)) * math.pi / 2
             distance = neighbour_side + side + CONTACT
             pose = neighbour @ Pose2(distance * math.cos(direction), distance * math.sin(direction))
-            inside = w.contains(pose.x, pose.y, radius)
-            if inside and self._is_free(pose.x, pose.y, radius, beside=int(index)):
+            if w.contains(pose.x, pose.y, radius) and self._is_free(pose.x, pose.y, radius, beside=int(index)):
                 return pose
         return None
 
@@ -152,8 +150,8 @@ def split_floor(
         lengths = cell[:, 1] - cell[:, 0]
         long = np.flatnonzero(lengths > 2 * shortest)
         if len(long) == 0:
-            middle = cell.mean(axis=1)
-            cells.append((Pose2(float(middle[0]), float(middle[1])), (float(lengths[0]), float(lengths[1]))))
+            length, width = lengths.tolist()
+            cells.append((Pose2(*cell.mean(axis=1).tolist()), (length, width)))
             continue
         axis = int(rng.choice(long))
         cut = rng.uniform(cell[axis, 0] + shortest, cell[axis, 1] - shortest)

@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies import shapes, stands
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
@@ -19,11 +19,8 @@ from gem_lite.tasks.task import Task
 
 SPACING = 0.05
 """Distance (m) between the middles of neighbouring plates; also their length."""
-PLATES = {
-    "lightest brown block": (0.918, 0.688, 0.559, 1.0),
-    "middle brown block": (0.612, 0.459, 0.373, 1.0),
-    "darkest brown block": (0.306, 0.229, 0.186, 1.0),
-}
+NAMES = ("lightest brown block", "middle brown block", "darkest brown block")
+PLATES = dict(zip(NAMES, stands.PLATES.values(), strict=True))
 """The plates of the base along its +y: their names in the sentences, and their RGBA."""
 SPOTS = ((-0.05, 0), (0.0, 0), (0.05, 0), (-0.025, 1), (0.025, 1), (0.0, 2))
 """The target of each of the six blocks: y (m) in the base's frame, and the layer."""
@@ -59,21 +56,13 @@ class StackBlockPyramid(Task):
         for color in self.named_colors:
             block = shapes.add_block(environment.client, colors.rgba(color), free.take(*BLOCK_EXTENT))
             blocks.append(self.put(environment, block, f"{color} block"))
-        heights = [thickness + (layer + 0.5) * shapes.BLOCK_SIZE for _, layer in SPOTS]
-        return [
-            Goal(sentence, (block,), (base @ Pose2(0, y),), on_spot(height), grasp_symmetry=QUARTER)
-            for sentence, block, (y, _), height in zip(
-                sentences(self.named_colors), blocks, SPOTS, heights, strict=True
-            )
-        ]
-
-
-def on_spot(height: float) -> PoseMetric:
-    """Decides whether a block lies on its spot, parallel to the base, with its middle at ``height`` (m).
-
-    A cube looks the same after a quarter turn.
-    """
-    return PoseMetric(TOLERANCE, QUARTER, YAW_TOLERANCE, height, TOLERANCE)
+        goals = []
+        for sentence, block, (y, layer) in zip(sentences(self.named_colors), blocks, SPOTS, strict=True):
+            height = thickness + (layer + 0.5) * shapes.BLOCK_SIZE
+            # A block lies parallel to the base; a cube looks the same after a quarter turn.
+            on_spot = PoseMetric(TOLERANCE, QUARTER, YAW_TOLERANCE, height, TOLERANCE)
+            goals.append(Goal(sentence, (block,), (base @ Pose2(0, y),), on_spot, grasp_symmetry=QUARTER))
+        return goals
 
 
 def sentences(named: Sequence[str]) -> list[str]:

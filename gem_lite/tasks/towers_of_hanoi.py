@@ -19,6 +19,7 @@ from gem_lite.tasks.task import Task
 SMALL, MIDDLE, LARGE = range(3)
 MOVES = ((SMALL, 2), (MIDDLE, 1), (SMALL, 1), (LARGE, 2), (SMALL, 0), (MIDDLE, 2), (SMALL, 2))
 """The ring of each of the seven moves, and the number of the peg to which it goes."""
+PLACES = tuple(stands.PLATES)
 TOLERANCE = 0.01
 STACKING = 0.0105
 """The height (m) from one ring of the first tower to the next: a little more than a ring's, so that they can settle."""
@@ -34,7 +35,7 @@ class TowersOfHanoi(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         plates = stands.add_stand(environment.client, free.take(stands.STAND_RADIUS))
-        for plate, name in zip(plates, stands.PLATES, strict=True):
+        for plate, name in zip(plates, PLACES, strict=True):
             self.put(environment, plate, name)
         self.named_colors = tuple(draw(rng, self.palette, 3))
         tower = environment.pose(plates[0])[0]
@@ -49,9 +50,8 @@ class TowersOfHanoi(Task):
         goals = []
         for size, peg in MOVES:
             grasp = Pose2((stands.RING_HOLE + stands.RING_RADII[size]) / 2, 0.0)
-            place = list(stands.PLATES)[peg]
-            sentence = f"move the {self.named_colors[size]} ring to the {place}"
-            # The tool holds a ring off its centre, so the ring must keep its yaw.
+            sentence = f"move the {self.named_colors[size]} ring to the {PLACES[peg]}"
             metric = PoseMetric(TOLERANCE)
+            # The tool holds a ring off its centre, so the ring must keep its yaw.
             goals.append(Goal(sentence, (rings[size],), (plates[peg],), metric, grasp=grasp, rotations=False))
         return goals

@@ -16,7 +16,7 @@ from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import plateau_centre
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.floating_tool import LOG_EVERY, RATE
+from gem_lite.simulation.effectors import LOG_EVERY, RATE
 
 SAME_COLOR, OTHER_COLOR = "#8e44ad", "0.45"
 """Purple: two phrases that mean the same, as in the paper's Figure A8. Grey: two that do not."""

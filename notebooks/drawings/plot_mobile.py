@@ -14,9 +14,21 @@ from summaries import Score
 
 from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare, draw_gripper
 from gem_lite.policies.choosing import TablesChoice, stitch
-from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.camera import View, camera_looking_at
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2, Workspace
+from gem_lite.simulation.mobile_world import MobileWorld
+from gem_lite.simulation.rendering import render
+
+
+def photograph(world: MobileWorld) -> np.ndarray:
+    """(H, W, 3) uint8: a picture of tables and robot from outside."""
+    middles = [table @ Pose2(world.workspace.x_max, 0.0) for table in world.tables]
+    x, y = np.mean([(middle.x, middle.y) for middle in middles], axis=0)
+    distance = 1.2 + max(np.hypot(middle.x - x, middle.y - y) for middle in middles)
+    position = (x - distance, y + 0.85 * distance, 0.65 * distance)
+    camera = camera_looking_at("outside", position, (x, y - 0.22 * distance, -0.45))
+    return render(world.client, camera, world.style.light)[0].rgb
 
 
 def draw_seams(ax: Axes, count: int, width: int) -> None:

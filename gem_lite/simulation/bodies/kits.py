@@ -29,22 +29,8 @@ def hole_mesh(shape: str) -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(shapes.outline(shape), PRINT)
 
 
-def add_kit(client: int, pose: Pose2) -> Body:
-    """Put a fixed board on the table."""
-    return shapes.add_box(client, KIT_SIZE, colors.rgba("brown"), pose, movable=False)
-
-
-def add_hole(client: int, shape: str, pose: Pose2) -> Body:
-    """Print a hole on a board, at a pose in the world. It is fixed, and other bodies do not touch it.
-
-    Raises:
-        ValueError: no piece has this shape.
-    """
-    return shapes.add_print(client, hole_mesh(shape), HOLE_COLOR, pose, KIT_SIZE[2])
-
-
 def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float]) -> tuple[Body, list[Body]]:
-    """Put a board with one hole for each of five pieces on the table.
+    """Put a fixed board with one hole for each of five pieces on the table. Other bodies do not touch the holes.
 
     Args:
         pieces: the names of the five shapes.
@@ -52,11 +38,14 @@ def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence
 
     Returns:
         The board and its holes.
+
+    Raises:
+        ValueError: no piece has one of these shapes.
     """
-    board = add_kit(client, pose)
-    places = [pose @ spot for spot in SPOTS]
-    holes = [
-        add_hole(client, shape, Pose2(place.x, place.y, yaw))
-        for shape, place, yaw in zip(pieces, places, yaws, strict=True)
-    ]
+    board = shapes.add_box(client, KIT_SIZE, colors.rgba("brown"), pose, movable=False)
+    holes = []
+    for shape, spot, yaw in zip(pieces, SPOTS, yaws, strict=True):
+        place = pose @ spot
+        at = Pose2(place.x, place.y, yaw)
+        holes.append(shapes.add_print(client, hole_mesh(shape), HOLE_COLOR, at, KIT_SIZE[2]))
     return board, holes

@@ -10,12 +10,11 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pybullet as p
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import animals, food, home, tools, toys
 from gem_lite.simulation.bodies.parts import RGBA, Part
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.shapes import Body, add_hull
 from gem_lite.simulation.bodies.solids import join
 
 TRAINING_VARIANTS = 12
@@ -77,10 +76,5 @@ def add_object(client: int, name: str, color: RGBA, pose: Pose2, variant: int = 
 
     Its contact shape is the convex hull of all parts.
     """
-    pieces = parts(name, variant)
-    whole = join(*[part.mesh for part in pieces])
-    lower = whole.extents[2] / 2
-    hull = whole.convex_hull.vertices - [0, 0, lower]
-    visuals = [create_visual(client, part.mesh, part.rgba or color, lower) for part in pieces]
-    collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
-    return create_body(client, collision, visuals, pose, lower, 0.03, movable)
+    colored = [(part.mesh, part.rgba or color) for part in parts(name, variant)]
+    return add_hull(client, join(*[mesh for mesh, _ in colored]), colored, pose, 0.03, movable)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-import pybullet as p
 import trimesh
 from shapely.geometry import box
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import Body, add_print, create_body
+from gem_lite.simulation.bodies.shapes import Body, add_box, add_print
 
 CUBE = 0.01
 """Side (m) of a cube of a pile."""
@@ -26,13 +25,7 @@ PRINT = 0.001
 
 def add_pile(client: int, color: RGBA, poses: Sequence[Pose2]) -> list[Body]:
     """Put movable cubes on the table, one at each pose. They may start inside each other's space; then they part."""
-    half = (CUBE / 2,) * 3
-    bodies = []
-    for pose in poses:
-        collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-        visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
-        bodies.append(create_body(client, collision, visual, pose, CUBE / 2, 0.001, True, friction=0.5))
-    return bodies
+    return [add_box(client, (CUBE,) * 3, color, pose, mass=0.001, friction=0.5) for pose in poses]
 
 
 @cache

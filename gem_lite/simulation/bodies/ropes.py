@@ -11,7 +11,7 @@ import trimesh
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import Body, add_print, create_body
+from gem_lite.simulation.bodies.shapes import Body, add_print, boxes_mesh, create_body
 
 BEADS = 20
 BEAD = 0.005
@@ -81,12 +81,11 @@ def guide_mesh() -> trimesh.Trimesh:
     half = LENGTH / 2
     width = STRIP[0] / 2
     height = STRIP[1]
-    strips = [
+    return boxes_mesh([
         [[-half, -half - width, 0], [half, -half + width, height]],
         [[-half - width, -half, 0], [-half + width, half, height]],
         [[half - width, -half, 0], [half + width, half, height]],
-    ]
-    return trimesh.util.concatenate([trimesh.creation.box(bounds=bounds) for bounds in strips])
+    ])  # fmt: skip
 
 
 def add_guide(client: int, pose: Pose2) -> Body:

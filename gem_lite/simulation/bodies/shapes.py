@@ -17,7 +17,10 @@ from matplotlib.textpath import TextPath
 from shapely import Polygon, affinity, box, union_all
 
 from gem_lite.se2 import Pose2, quaternion
+from gem_lite.simulation.bodies.solids import join, moved
 
+Bounds = Sequence[Sequence[Sequence[float]]] | np.ndarray
+"""The lowest and the highest corners of boxes (N, 2, 3) (m)."""
 BLOCK_SIZE = 0.04
 PIECE_SIZE = 0.06
 PIECE_HEIGHT = 0.02
@@ -132,15 +135,13 @@ def piece_mesh(name: str) -> trimesh.Trimesh:
 
 
 @cache
-def l_block_mesh(size: float = 0.1, arm: float = 0.04, height: float = 0.04) -> trimesh.Trimesh:
+def l_block_mesh() -> trimesh.Trimesh:
     """An L of two arms with its corner at the lower left. No turn but a full one leaves it unchanged.
 
     Its arms are equally long, so its mirror image across its diagonal is the same L.
     """
-    shape = union_all([box(0, 0, size, arm), box(0, 0, arm, size)])
-    mesh = trimesh.creation.extrude_polygon(shape, height)
-    mesh.apply_translation([-size / 2, -size / 2, 0])
-    return mesh
+    shape = union_all([box(0, 0, 0.1, 0.04), box(0, 0, 0.04, 0.1)])
+    return moved(trimesh.creation.extrude_polygon(shape, 0.04), -0.05, -0.05, 0)
 
 
 @dataclass(frozen=True)
@@ -172,24 +173,25 @@ def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], 
     return p.createVisualShape(p.GEOM_MESH, **triangles(mesh, lower), rgbaColor=color, physicsClientId=client)
 
 
-def create_compound(
-    client: int, collision: int, visuals: Sequence[int], place: tuple[Sequence[float], Sequence[float]], mass: float
-) -> int:
-    """One rigid body with several visual shapes in one frame. The first shape is its base, the others are its links.
+def create_body(
+    client: int, collision: int, visuals: int | Sequence[int], pose: Pose2, z: float, mass: float, movable: bool,
+    friction: float = 1.0, rolling: float = 1e-4,
+) -> Body:  # fmt: skip
+    """Put PyBullet's shapes on the table as one body, its origin at height ``z`` (metres).
 
-    Args:
-        place: position (m) and quaternion.
+    The first visual shape is the body's base, the others are its links, in the same frame.
     """
-    links = len(visuals) - 1
-    return p.createMultiBody(
-        baseMass=mass,
+    base, *others = [visuals] if isinstance(visuals, int) else visuals
+    links = len(others)
+    body = p.createMultiBody(
+        baseMass=mass if movable else 0.0,
         baseCollisionShapeIndex=collision,
-        baseVisualShapeIndex=visuals[0],
-        basePosition=place[0],
-        baseOrientation=place[1],
+        baseVisualShapeIndex=base,
+        basePosition=(pose.x, pose.y, z),
+        baseOrientation=quaternion(pose.yaw),
         linkMasses=[0.0] * links,
         linkCollisionShapeIndices=[-1] * links,
-        linkVisualShapeIndices=visuals[1:],
+        linkVisualShapeIndices=others,
         linkPositions=[(0, 0, 0)] * links,
         linkOrientations=[(0, 0, 0, 1)] * links,
         linkInertialFramePositions=[(0, 0, 0)] * links,
@@ -199,16 +201,6 @@ def create_compound(
         linkJointAxis=[(0, 0, 1)] * links,
         physicsClientId=client,
     )
-
-
-def create_body(
-    client: int, collision: int, visuals: int | Sequence[int], pose: Pose2, z: float, mass: float, movable: bool,
-    friction: float = 1.0, rolling: float = 1e-4,
-) -> Body:  # fmt: skip
-    """Put PyBullet's shapes on the table as one body, its origin at height ``z`` (metres)."""
-    shapes = [visuals] if isinstance(visuals, int) else visuals
-    place = ((pose.x, pose.y, z), quaternion(pose.yaw))
-    body = create_compound(client, collision, shapes, place, mass if movable else 0.0)
     p.changeDynamics(body, -1, lateralFriction=friction, rollingFriction=rolling, physicsClientId=client)
     return Body(body, z, movable)
 
@@ -219,31 +211,41 @@ def add_print(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], pose
     return create_body(client, -1, create_visual(client, mesh, color, half), pose, lower + half, 0.0, movable=False)
 
 
-def create_boxes(client: int, boxes: np.ndarray, lower: float) -> tuple[int, trimesh.Trimesh]:
+def collide_boxes(client: int, half: Sequence, middles: Sequence, turns: Sequence | None = None) -> int:
+    """PyBullet's contact shape of several boxes: half their sides, their middles (m), and their quaternions."""
+    turned = {} if turns is None else {"collisionFrameOrientations": turns}
+    return p.createCollisionShapeArray(
+        [p.GEOM_BOX] * len(half), halfExtents=half, collisionFramePositions=middles, physicsClientId=client, **turned
+    )
+
+
+def boxes_mesh(bounds: Bounds) -> trimesh.Trimesh:
+    """Several boxes as one mesh, from their lowest and highest corners (N, 2, 3) (m)."""
+    return join(*[trimesh.creation.box(bounds=box) for box in bounds])
+
+
+def create_boxes(client: int, bounds: Bounds) -> tuple[int, trimesh.Trimesh, float]:
     """Several boxes in one frame, from their lowest and highest corners (N, 2, 3) (m).
 
     Returns:
-        Their contact shape, moved down by ``lower`` (m), and their mesh.
+        Their contact shape, their mesh, and by how much (m) the shape is moved down: half of the boxes' height.
     """
-    half = (boxes[:, 1] - boxes[:, 0]) / 2
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * len(boxes),
-        halfExtents=half.tolist(),
-        collisionFramePositions=(boxes.mean(axis=1) - [0, 0, lower]).tolist(),
-        physicsClientId=client,
-    )
-    return collision, trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
+    corners = np.array(bounds, float)
+    lower = float(corners[..., 2].max()) / 2
+    half = (corners[:, 1] - corners[:, 0]) / 2
+    middles = corners.mean(axis=1) - [0, 0, lower]
+    return collide_boxes(client, half.tolist(), middles.tolist()), boxes_mesh(corners), lower
 
 
 def add_box(
     client: int, size: tuple[float, float, float], color: tuple[float, ...], pose: Pose2,
-    mass: float = 0.01, movable: bool = True,
+    mass: float = 0.01, movable: bool = True, friction: float = 1.0,
 ) -> Body:  # fmt: skip
     """A box of ``size`` (x, y, z metres), resting on the table at ``pose``."""
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
-    return create_body(client, collision, visual, pose, half[2], mass, movable)
+    return create_body(client, collision, visual, pose, half[2], mass, movable, friction)
 
 
 def add_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
@@ -256,19 +258,25 @@ def add_mesh(
     mass: float = 0.02, movable: bool = True,
 ) -> Body:  # fmt: skip
     """A mesh whose contact shape is its convex hull; it rests on the table at ``pose``."""
-    lower = mesh.extents[2] / 2
-    hull = mesh.convex_hull.vertices - [0, 0, lower]
+    return add_hull(client, mesh, [(mesh, color)], pose, mass, movable)
+
+
+def add_hull(
+    client: int, whole: trimesh.Trimesh, colored: Sequence[tuple[trimesh.Trimesh, tuple[float, ...]]], pose: Pose2,
+    mass: float, movable: bool,
+) -> Body:  # fmt: skip
+    """Meshes with their RGBA, as one body. Its contact shape is the convex hull of the ``whole``."""
+    lower = whole.extents[2] / 2
+    hull = whole.convex_hull.vertices - [0, 0, lower]
+    visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
     collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
-    return create_body(client, collision, create_visual(client, mesh, color, lower), pose, lower, mass, movable)
+    return create_body(client, collision, visuals, pose, lower, mass, movable)
 
 
 def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     """The L-block of `l_block_mesh`. Its contact shape is two boxes, so other bodies can enter its notch."""
     half = [[0.05, 0.02, 0.02], [0.02, 0.03, 0.02]]
-    centres = [[0, -0.03, 0], [-0.03, 0.02, 0]]
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * 2, halfExtents=half, collisionFramePositions=centres, physicsClientId=client
-    )
+    collision = collide_boxes(client, half, [[0, -0.03, 0], [-0.03, 0.02, 0]])
     return create_body(client, collision, create_visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
 
 
@@ -291,12 +299,6 @@ def add_bowl(
     half.append([disc, disc, profile.floor / 2])
     positions.append([0, 0, (profile.floor - profile.height) / 2])
     turns.append([0, 0, 0, 1])
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * (sides + 1),
-        halfExtents=half,
-        collisionFramePositions=positions,
-        collisionFrameOrientations=turns,
-        physicsClientId=client,
-    )
+    collision = collide_boxes(client, half, positions, turns)
     visual = create_visual(client, bowl_mesh(profile), color, profile.height / 2)
     return create_body(client, collision, visual, pose, profile.height / 2, 0.1, movable)

@@ -10,7 +10,7 @@ import trimesh
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual
+from gem_lite.simulation.bodies.shapes import Body, collide_boxes, create_body, create_visual
 
 PLATE = (0.12, 0.12, 0.01)
 """Sides (m) of one of the stand's three plates."""
@@ -34,11 +34,8 @@ SEGMENTS = 12
 
 def add_stand(client: int, pose: Pose2) -> list[Body]:
     """Put a fixed stand on the table: three plates, each with a peg in its middle. Returns the plates along +y."""
-    plates = []
-    for number, rgba in enumerate(PLATES.values()):
-        place = pose @ Pose2(0.0, (number - 1) * PLATE[1])
-        plates.append(_add_plate(client, rgba, place))
-    return plates
+    places = [pose @ Pose2(0.0, step * PLATE[1]) for step in (-1, 0, 1)]
+    return [_add_plate(client, rgba, place) for rgba, place in zip(PLATES.values(), places, strict=True)]
 
 
 def _add_plate(client: int, rgba: RGBA, pose: Pose2) -> Body:
@@ -46,10 +43,7 @@ def _add_plate(client: int, rgba: RGBA, pose: Pose2) -> Body:
     half = [side / 2 for side in PLATE]
     # Bullet's cylinders roll over each other badly; a thin box is as good a peg for a ring that hangs round it.
     peg = [PEG_RADIUS * 0.9, PEG_RADIUS * 0.9, (PEG_TOP - PLATE[2]) / 2]
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * 2, halfExtents=[half, peg],
-        collisionFramePositions=[[0, 0, 0], [0, 0, lower + peg[2]]], physicsClientId=client,
-    )  # fmt: skip
+    collision = collide_boxes(client, [half, peg], [[0, 0, 0], [0, 0, lower + peg[2]]])
     visual = create_visual(client, _plate_mesh(), rgba, lower)
     return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)
 
@@ -74,11 +68,8 @@ def add_ring(client: int, radius: float, color: RGBA, pose: Pose2, height: float
     middle = (RING_HOLE + radius) / 2
     angles = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     half = [[(radius - RING_HOLE) / 2, middle * np.tan(np.pi / SEGMENTS), RING_HEIGHT / 2]] * SEGMENTS
-    collision = p.createCollisionShapeArray(
-        [p.GEOM_BOX] * SEGMENTS, halfExtents=half,
-        collisionFramePositions=[[middle * np.cos(angle), middle * np.sin(angle), 0] for angle in angles],
-        collisionFrameOrientations=[p.getQuaternionFromEuler((0, 0, angle)) for angle in angles],
-        physicsClientId=client,
-    )  # fmt: skip
+    middles = [[middle * np.cos(angle), middle * np.sin(angle), 0] for angle in angles]
+    turns = [p.getQuaternionFromEuler((0, 0, angle)) for angle in angles]
+    collision = collide_boxes(client, half, middles, turns)
     visual = create_visual(client, ring_mesh(radius), color, RING_HEIGHT / 2)
     return create_body(client, collision, visual, pose, height + RING_HEIGHT / 2, 0.1, True, FRICTION)

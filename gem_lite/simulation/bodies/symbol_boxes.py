@@ -12,7 +12,7 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.bodies.shapes import Body, create_body, create_boxes, create_visual
 from gem_lite.simulation.bodies.solids import slab
-from gem_lite.simulation.bodies.trays import CONTAINER_HEIGHT, FRICTION, WALL, container_boxes
+from gem_lite.simulation.bodies.trays import FRICTION, WALL, container_boxes
 
 BOX_SIDE = 0.15
 """Length and width (m) of a symbol box between the middles of its walls."""
@@ -96,8 +96,7 @@ def add_symbol_box(client: int, symbol: str, pose: Pose2) -> Body:
     Raises:
         ValueError: the symbol is unknown.
     """
-    lower = CONTAINER_HEIGHT / 2
-    collision, walls = create_boxes(client, np.array(container_boxes((BOX_SIDE, BOX_SIDE))), lower)
+    collision, walls, lower = create_boxes(client, container_boxes((BOX_SIDE, BOX_SIDE)))
     colored = zip((walls, *_sheets(symbol)), (WALLS, PAPER, INK), strict=True)
     visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
     return create_body(client, collision, visuals, pose, lower, 0.0, False, FRICTION, rolling=0.0)

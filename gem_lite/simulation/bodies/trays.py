@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.shapes import Body, create_body, create_boxes, create_visual
 
@@ -20,7 +18,7 @@ FIXTURE_CLEARANCE = 0.007
 FIXTURE_RADIUS = 0.086
 """A fixture lies within a circle of this radius (m) about its origin."""
 
-Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 """The lowest and the highest corner of a box (m)."""
 
 
@@ -31,7 +29,7 @@ def add_container(
     return _add_boxes(client, container_boxes(size, height), color, pose)
 
 
-def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Bounds]:
+def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Box]:
     """The floor and the four walls of `add_container`."""
     x = size[0] / 2
     y = size[1] / 2
@@ -60,9 +58,7 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     return _add_boxes(client, floor + [((*lower, 0), (*upper, FIXTURE_HEIGHT)) for lower, upper in walls], color, pose)
 
 
-def _add_boxes(client: int, boxes: Sequence[Bounds], color: tuple[float, ...], pose: Pose2) -> Body:
-    bounds = np.array(boxes, float)
-    lower = bounds[..., 2].max() / 2
-    collision, mesh = create_boxes(client, bounds, lower)
+def _add_boxes(client: int, boxes: Sequence[Box], color: tuple[float, ...], pose: Pose2) -> Body:
+    collision, mesh, lower = create_boxes(client, boxes)
     visual = create_visual(client, mesh, color, lower)
     return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)
