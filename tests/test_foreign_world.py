@@ -46,11 +46,6 @@ def poses(world):
     return [world.pose(number) for number in range(len(world.scene.things))]
 
 
-def middle(world):
-    """The named block's middle (m)."""
-    return (world.pose(0) @ MIDDLE)[:3]
-
-
 def play(world, pick, place):
     return world.pick_place(world.on_surface(*pick), world.on_surface(*place))
 
@@ -128,11 +123,11 @@ def test_pictures_keep_the_conventions_of_an_observation(seed, world, tmp_path):
 
 def test_the_expert_solves_by_physics(world):
     solved = 0
-    for seed in foreign_world.TEST_SEEDS[:20]:
+    for seed in foreign_world.TEST_SEEDS[:12]:
         world.lay(random_scene(seed))
         assert not world.solved()
         solved += play(world, *world.expert()) and world.solved()
-    assert solved >= 19
+    assert solved >= 11
 
 
 def test_heights_of_a_map_are_good_enough(world):
@@ -145,26 +140,24 @@ def test_heights_of_a_map_are_good_enough(world):
     assert world.pick_place(*ends) and world.solved()
 
 
-def test_only_the_picked_thing_moves(world):
+def test_only_the_picked_thing_moves_and_a_bowl_is_carried_with_what_lies_in_it(world):
     world.lay(PLAIN)
     before = poses(world)
-    assert play(world, *world.expert())
-    for number, (old, new) in enumerate(zip(before, poses(world), strict=True)):
-        assert (np.linalg.norm(new[:3, 3] - old[:3, 3]) > 0.1) == (number == 0)
+    assert play(world, *world.expert()) and world.solved()
+    moved = [np.linalg.norm(new[:3, 3] - old[:3, 3]) > 0.1 for old, new in zip(before, poses(world), strict=True)]
+    assert moved == [True, False, False, False, False]
+    x, y = BOWL
+    assert play(world, (x + 0.07, y, 0.0), (0.42, -0.20, 1.0))
+    assert math.dist(world.pose(1)[:2, 3], BOWL) > 0.3 and world.solved()
 
 
-@pytest.mark.parametrize("height", [0.0, -0.02, 0.03])
-def test_an_empty_pick_holds_nothing(height, world):
+def test_an_empty_pick_and_one_that_stays_too_high_hold_nothing(world):
     world.lay(PLAIN)
     before = poses(world)
-    assert not world.pick_place(acting.tool_pose(0.5, -0.15, 0, height), world.on_surface(*BOWL, 0))
-    assert np.allclose(before, poses(world), atol=1e-3) and world.held is None and not world.solved()
-
-
-def test_a_tool_that_stays_too_high_holds_nothing(world):
-    world.lay(PLAIN)
-    low, high = (acting.tool_pose(*BLOCK, 0, height) for height in (0.055, 0.062))
-    assert not world.pick_place(high, world.on_surface(*BOWL, 0))
+    for x, y, height in ((0.5, -0.15, 0.0), (0.5, -0.15, -0.02), (0.5, -0.15, 0.03), (*BLOCK, 0.062)):
+        assert not world.pick_place(acting.tool_pose(x, y, 0, height), world.on_surface(*BOWL, 0))
+        assert np.allclose(before, poses(world), atol=1e-3) and world.held is None and not world.solved()
+    low = acting.tool_pose(*BLOCK, 0, 0.055)
     assert world.pick_place(low, world.on_surface(*BOWL, 0)) and world.solved()
 
 
@@ -177,7 +170,7 @@ def test_the_cup_takes_what_is_on_top(world):
     assert math.dist(world.pose(0)[:2, 3], BLOCK) < 0.01, "not the lower one"
 
 
-@pytest.mark.parametrize("turn", [-2.5, -0.7, 0.4, 1.5, 3.0])
+@pytest.mark.parametrize("turn", [-2.5, 0.4, 3.0])
 def test_the_place_turns_the_block(turn, world):
     world.lay(PLAIN)
     old = world.pose(0)
@@ -188,27 +181,15 @@ def test_the_place_turns_the_block(turn, world):
     assert math.dist(new[:2, 3], (0.40, 0.38)) < 0.005 and abs(new[2, 3]) < 0.002 and new[2, 2] > 0.999
 
 
-def test_a_bowl_is_carried_with_what_lies_in_it(world):
+@pytest.mark.parametrize(
+    ("pick", "place"), [((0.62, -0.35, 0.0), None), (None, (0.64, -0.08, 0.0)), (None, (BOWL[0], BOWL[1] + 0.13, 0.0))]
+)
+def test_the_wrong_block_the_wrong_bowl_and_beside_the_bowl_do_not_count(pick, place, world):
     world.lay(PLAIN)
-    assert play(world, *world.expert()) and world.solved()
-    x, y = BOWL
-    assert play(world, (x + 0.07, y, 0.0), (0.42, -0.20, 1.0))
-    assert math.dist(world.pose(1)[:2, 3], BOWL) > 0.3 and world.solved()
-
-
-@pytest.mark.parametrize("wrong", [0, 1])
-def test_the_wrong_block_or_bowl_does_not_count(wrong, world):
-    world.lay(PLAIN)
-    pick, place = world.expert()
-    other = (*world.pose(3)[:2, 3], 0.0)
-    assert play(world, pick if wrong else (0.62, -0.35, 0.0), other if wrong else place)
-    assert not world.solved()
-
-
-def test_beside_the_bowl_is_not_solved(world):
-    world.lay(PLAIN)
-    assert play(world, world.expert()[0], (BOWL[0], BOWL[1] + 0.13, 0.0))
-    assert not world.solved() and abs(middle(world)[2] - 0.024) < 0.002
+    right_pick, right_place = world.expert()
+    assert play(world, pick or right_pick, place or right_place) and not world.solved()
+    lies_beside = abs((world.pose(0) @ MIDDLE)[2] - 0.024) < 0.002
+    assert lies_beside or place == (0.64, -0.08, 0.0)
 
 
 def test_a_block_on_the_rim_counts_only_when_it_has_fallen_in(world):

@@ -2,35 +2,23 @@
 
 import dataclasses
 import math
-from functools import partial
 
 import numpy as np
-import pybullet as p
 import pytest
+from tabletop import block, bowl, teleport
 
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import evaluate
 from gem_lite.evaluation.evaluate import Measurement
-from gem_lite.foundations import colors
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import shapes
 from gem_lite.tasks import Task, goals
 from gem_lite.tasks import registry as task_registry
 from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
 
 SPOTS = (Pose2(0.4, 0.2, 0.3), Pose2(0.4, -0.2, 0.3))
 PLACES = (Pose2(0.6, 0.1, 1.0), Pose2(0.6, -0.1, 1.0))
-
-
-def block(pose):
-    return partial(shapes.add_block, color=colors.rgba("red"), pose=pose)
-
-
-def move(world, body, pose, z=0.02):
-    turn = p.getQuaternionFromEuler((0, 0, pose.yaw))
-    p.resetBasePositionAndOrientation(body.id, (pose.x, pose.y, z), turn, physicsClientId=world.client)
 
 
 # Metrics
@@ -49,22 +37,16 @@ def move(world, body, pose, z=0.02):
         (0.0, 0, PoseMetric(0.01, height=0.06), False),
         (0.05, 45, ZoneMetric((0.12, 0.12), 0.05), True),
         (0.07, 0, ZoneMetric((0.12, 0.12), 0.05), False),
+        (0.055, 0, ZoneMetric((0.12, 0.1), 0.05), True),
+        (0.055, 0, ZoneMetric((0.1, 0.12), 0.05), False),
         (0.0, 0, ZoneMetric((0.12, 0.12), 0.01), False),
     ],
 )
 def test_a_metric_scores_position_yaw_and_height(blind, stage, offset, degrees, metric, reached):
-    (body,), _ = stage(block(SPOTS[0]))
-    move(blind, body, PLACES[0] @ Pose2(offset, 0, math.radians(degrees)))
-    assert metric.share(blind, body, PLACES[0]) == reached
-
-
-def test_a_target_is_a_pose_or_a_body(blind, stage):
-    (body, bowl), _ = stage(
-        block(SPOTS[0]), partial(shapes.add_bowl, color=colors.rgba("green"), pose=PLACES[0], movable=False)
-    )
-    assert goals.target_pose(blind, PLACES[1]) == PLACES[1]
-    assert goals.target_pose(blind, bowl) == blind.pose(bowl)[0]
-    assert PoseMetric(0.05).share(blind, body, bowl) == 0
+    (body, at_place), _ = stage(block(SPOTS[0]), bowl(PLACES[0]))  # a target is a pose or a body
+    assert metric.share(blind, body, at_place) == 0
+    teleport(blind, body, PLACES[0] @ Pose2(offset, 0, math.radians(degrees)))
+    assert metric.share(blind, body, PLACES[0]) == metric.share(blind, body, at_place) == reached
 
 
 # One goal
@@ -75,13 +57,13 @@ def test_the_farthest_body_goes_to_its_nearest_free_target(blind, stage):
     goal = Goal("put them there", tuple(bodies), PLACES, PoseMetric(0.03))
     assert goal.done(blind) == 0.0 and goal.placed(blind) == set()
     assert goal.next_move(blind) == (bodies[1], PLACES[1])
-    move(blind, bodies[1], PLACES[0])
+    teleport(blind, bodies[1], PLACES[0])
     assert goal.done(blind) == 0.5 and goal.placed(blind) == {bodies[1].id}
     assert goal.next_move(blind) == (bodies[0], PLACES[1])  # the nearer one is taken
     # Where no target is free, all serve.
     only = dataclasses.replace(goal, targets=PLACES[:1])
     assert only.next_move(blind) == (bodies[0], PLACES[0])
-    move(blind, bodies[0], PLACES[0])  # two at one target count both
+    teleport(blind, bodies[0], PLACES[0])  # two at one target count both
     assert goal.done(blind) == 1.0
     with pytest.raises(ValueError, match="is reached: no body is left"):
         goal.next_move(blind)
@@ -130,7 +112,7 @@ def test_sentence_score_expert_and_placed_follow_from_goals(blind):
     assert (step.reward, step.done, task.instruction) == (0.25, False, "park block 1")
     assert task.placed(blind) == {first.id}
     # A goal that is reached counts for good, wherever its body goes.
-    move(blind, first, Pose2(0.3, 0.4))
+    teleport(blind, first, Pose2(0.3, 0.4))
     assert task.score(blind) == 0.25
     missed = blind.step(PickPlace(SPOTS[1], Pose2(0.3, -0.4)))
     assert (missed.reward, task.instruction) == (0.0, "park block 1")

@@ -8,8 +8,8 @@ from gem_lite import language, tasks
 from gem_lite.foundations import colors
 from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, split_location, word_lists
 from gem_lite.policies.transporter import TransporterConfig, TransporterLan
-from gem_lite.simulation.bodies import objects, ropes, shapes
-from gem_lite.tasks import stack_block_pyramid
+from gem_lite.simulation.bodies import objects, shapes
+from gem_lite.tasks import align_rope, stack_block_pyramid
 
 
 def table(text):
@@ -229,7 +229,7 @@ def test_the_words_of_the_tasks_in_every_combination():
         assert_read_as_written(f"put the red block on the {plate}")
     for name in objects.NAMES:
         assert_read_as_written(f"pack all the {name} objects in the brown box")
-    for start, end in ropes.DIRECTIONS:
+    for start, end in align_rope.DIRECTIONS:
         assert_read_as_written(f"align the rope from {start} to {end}")
 
 

@@ -6,7 +6,7 @@ from gem_lite.language import LOCATION_CODE_LENGTH, Queries, location_code, spli
 from gem_lite.maps import query_maps
 from gem_lite.policies import methods
 from gem_lite.se2 import Workspace
-from gem_lite.simulation.bodies import ropes
+from gem_lite.tasks import align_rope
 
 WORKSPACE = Workspace()
 
@@ -118,14 +118,14 @@ def test_a_word_chooses_one_response_and_lowers_the_others(word, place):
 
 
 def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not(model):
-    phrases = [f"{start} to {end}" for start, end in ropes.DIRECTIONS]
+    phrases = [f"{start} to {end}" for start, end in align_rope.DIRECTIONS]
     codes = torch.stack([location_code(phrase) for phrase in phrases])
     embeddings = model.embed_texts(phrases)
     apart = ~torch.eye(len(phrases), dtype=torch.bool)
     assert (embeddings @ embeddings.T)[apart].min() > 0.99
     assert (codes @ codes.T)[apart].max() < 0.9
     # CLIPort says "from back right corner to back left corner" where our task names the corners the other way round.
-    assert torch.equal(torch.stack([location_code(f"{end} to {start}") for start, end in ropes.DIRECTIONS]), codes)
+    assert torch.equal(torch.stack([location_code(f"{end} to {start}") for start, end in align_rope.DIRECTIONS]), codes)
 
 
 @pytest.mark.parametrize(

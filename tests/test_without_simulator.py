@@ -36,10 +36,6 @@ def test_the_block_is_one():
         run("import gem_lite.simulation.world")
 
 
-def test_rooms_below_the_line_load_without_the_simulator():
-    run("".join(f"import {room}\n" for room in rooms()))
-
-
 COMMANDS = {
     f"{STORED}: 10 episodes": ["verify", str(STORED)],
     "object-sorting: ": ["results", "list"],
@@ -49,8 +45,10 @@ COMMANDS = {
 """By how a line of the answer begins: the words of the command."""
 
 
-def test_stored_rows_and_demonstrations_are_read_without_the_simulator():
-    printed = run(f"from gem_lite.cli import main\nfor words in {[*COMMANDS.values()]}:\n    assert main(words) == 0\n")
+def test_rooms_below_the_line_load_and_stored_rows_and_demonstrations_are_read_without_the_simulator():
+    load = "".join(f"import {room}\n" for room in rooms())
+    read = f"from gem_lite.cli import main\nfor words in {[*COMMANDS.values()]}:\n    assert main(words) == 0\n"
+    printed = run(load + read)
     for start in COMMANDS:
         assert f"\n{start}" in f"\n{printed}"
 

@@ -18,30 +18,30 @@ from gem_lite.tasks.spawn import FreeSpace
 BOWL_TASK = "put-block-in-bowl-seen-colors"
 
 
-def laid_out(name, index=0, task_name=BOWL_TASK):
-    """Names and planar poses of an episode's bodies, and the first camera's picture."""
-    task = tasks.make(task_name, "val")
-    with World(style=looks.style(name)) as world:
-        (observation,) = world.reset(task, tasks.episode_seed("val", index))
-        poses = np.array([[world.pose(body)[0].x, world.pose(body)[0].y] for body in world.bodies])
-        return task.instruction, poses, observation.views[0].rgb.astype(int)
-
-
-@pytest.mark.parametrize("name", ["white-floor", "shadows", "bright-light"])
-def test_another_look_is_the_same_layout(name):
-    instruction, poses, picture = laid_out("home")
-    changed_instruction, changed_poses, changed_picture = laid_out(name)
-    assert changed_instruction == instruction
-    assert changed_poses == pytest.approx(poses, abs=1e-9)
-    assert (np.abs(changed_picture - picture).max(axis=-1) > 5).mean() > 0.2
-
-
-def test_networks_see_the_light_of_the_demonstrations():
-    medians = {}
+@pytest.fixture(scope="module")
+def laid_out():
+    """Of some worlds: an episode's sentence, the bodies' planar poses, and the cameras' views."""
+    found = {}
     for name in ("home", "varied", "white-floor", "shadows", "bright-light"):
         with World(style=looks.style(name)) as world:
             (observation,) = world.reset(tasks.make(BOWL_TASK, "val"), tasks.episode_seed("val", 0))
-        heightmap = fuse_views(observation.views, Workspace())
+            poses = np.array([[world.pose(body)[0].x, world.pose(body)[0].y] for body in world.bodies])
+            found[name] = (world.task.instruction, poses, observation.views)
+    return found
+
+
+@pytest.mark.parametrize("name", ["white-floor", "shadows", "bright-light"])
+def test_another_look_is_the_same_layout(laid_out, name):
+    (instruction, poses, views), changed = laid_out["home"], laid_out[name]
+    assert changed[0] == instruction and changed[1] == pytest.approx(poses, abs=1e-9)
+    difference = changed[2][0].rgb.astype(int) - views[0].rgb
+    assert (np.abs(difference).max(axis=-1) > 5).mean() > 0.2
+
+
+def test_networks_see_the_light_of_the_demonstrations(laid_out):
+    medians = {}
+    for name, (_, _, views) in laid_out.items():
+        heightmap = fuse_views(views, Workspace())
         medians[name] = np.median(heightmap.rgb)
         assert (to_rgbd(heightmap)[:3].median() + TABLE_GRAY) * 255 == pytest.approx(TABLE_LEVEL, abs=0.01)
         if name in ("home", "varied", "white-floor"):
@@ -130,5 +130,4 @@ def lies_as_at_home(style):
 @pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
 def test_the_expert_solves_every_world(name, task_name, no_pictures):
     with World(style=looks.style(name)) as world:
-        played = [evaluate.run_episode(world, actors.expert, task_name, "val", index) for index in range(3)]
-    assert sum(episode.reward > 0.99 for episode in played) >= 2
+        assert evaluate.run_episode(world, actors.expert, task_name, "val", 0).reward > 0.99

@@ -22,7 +22,8 @@ from experiments.clip_tabletop.bodies import (
     put_block,
 )
 from gem_lite.se2 import Pose2, Workspace
-from gem_lite.simulation.bodies import kits, objects, piles, ropes, shapes, stands, trays
+from gem_lite.simulation.bodies import objects, shapes, trays
+from gem_lite.tasks import align_rope, assembling_kits, separating_piles, towers_of_hanoi
 from gem_lite.tasks.spawn import FreeSpace
 
 STRUCTURES = 0.6
@@ -34,15 +35,15 @@ BOX_SIDES = (0.06, 0.34)
 
 
 def _kit(build: Builder) -> None:
-    pose = build.free.sample(math.hypot(*kits.KIT_SIZE[:2]) / 2)
+    pose = build.free.sample(math.hypot(*assembling_kits.KIT_SIZE[:2]) / 2)
     if pose is None:
         return
-    names = [str(name) for name in build.rng.choice(vocabulary.PIECES, len(kits.SPOTS))]
+    names = [str(name) for name in build.rng.choice(vocabulary.PIECES, len(assembling_kits.SPOTS))]
     yaws = build.rng.uniform(-np.pi, np.pi, len(names)).tolist()
-    board, holes = kits.add_full_kit(build.client, pose, names, yaws)
+    board, holes = assembling_kits.add_full_kit(build.client, pose, names, yaws)
     build.scene.name([board], -1, "kit")
     build.scene.ground.add(board.id)
-    for hole, name, spot, yaw in zip(holes, names, kits.SPOTS, yaws, strict=True):
+    for hole, name, spot, yaw in zip(holes, names, assembling_kits.SPOTS, yaws, strict=True):
         build.scene.name([hole], -1, f"{name} hole")
         if build.rng.random() < 0.2:
             color, rgba = build.color(name)
@@ -52,21 +53,21 @@ def _kit(build: Builder) -> None:
 
 
 def _stand(build: Builder) -> None:
-    pose = build.free.sample(stands.STAND_RADIUS)
+    pose = build.free.sample(towers_of_hanoi.STAND_RADIUS)
     if pose is None:
         return
-    plates = stands.add_stand(build.client, pose)
+    plates = towers_of_hanoi.add_stand(build.client, pose)
     names = (("light brown", "side"), ("brown", "middle of the stand"), ("dark brown", "side"))
     for plate, (color, noun) in zip(plates, names, strict=True):
         build.scene.name([plate], COLOR_NAMES.index(color), noun)
         build.scene.ground.add(plate.id)
-    height = [stands.PLATE[2]] * len(plates)
-    for radius in sorted(stands.RING_RADII, reverse=True):
+    height = [towers_of_hanoi.PLATE[2]] * len(plates)
+    for radius in sorted(towers_of_hanoi.RING_RADII, reverse=True):
         peg = int(build.rng.integers(len(plates)))
-        place = pose @ Pose2(0.0, (peg - 1) * stands.PLATE[1])
+        place = pose @ Pose2(0.0, (peg - 1) * towers_of_hanoi.PLATE[1])
         color, rgba = build.color("ring")
-        build.scene.name([stands.add_ring(build.client, radius, rgba, place, height[peg])], color, "ring")
-        height[peg] += stands.RING_HEIGHT
+        build.scene.name([towers_of_hanoi.add_ring(build.client, radius, rgba, place, height[peg])], color, "ring")
+        height[peg] += towers_of_hanoi.RING_HEIGHT
 
 
 def _pyramid(build: Builder) -> None:
@@ -83,18 +84,18 @@ def _pyramid(build: Builder) -> None:
 
 
 def _rope(build: Builder) -> None:
-    guide_pose = build.free.sample(ropes.LENGTH / math.sqrt(2) + ropes.STRIP[0])
+    guide_pose = build.free.sample(align_rope.LENGTH / math.sqrt(2) + align_rope.STRIP[0])
     if guide_pose is not None:
-        build.scene.name([ropes.add_guide(build.client, guide_pose)], COLOR_NAMES.index("lime"), "square guide")
+        build.scene.name([align_rope.add_guide(build.client, guide_pose)], COLOR_NAMES.index("lime"), "square guide")
     middle = build.free.sample(0.1)
     if middle is None:
         return
-    heading = np.cumsum(build.rng.normal(0, 0.5, ropes.BEADS)) + middle.yaw
-    steps = ropes.SPACING * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    heading = np.cumsum(build.rng.normal(0, 0.5, align_rope.BEADS)) + middle.yaw
+    steps = align_rope.SPACING * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     points = np.cumsum(steps, axis=0)
     points = points - points.mean(axis=0) + (middle.x, middle.y)
-    heights = np.full(ropes.BEADS, 1.5 * ropes.BEAD)
-    beads = ropes.add_rope(build.client, np.column_stack([points, heights]))
+    heights = np.full(align_rope.BEADS, 1.5 * align_rope.BEAD)
+    beads = align_rope.add_rope(build.client, np.column_stack([points, heights]))
     color = COLOR_NAMES.index("red")
     if build.rng.random() < 0.5:
         color, rgba = build.color("rope")
@@ -108,15 +109,15 @@ def _pile(build: Builder) -> None:
     if middle is None:
         return
     spread = build.rng.uniform(0.03, 0.1)
-    offsets = build.rng.uniform(-spread, spread, (piles.CUBES, 2))
+    offsets = build.rng.uniform(-spread, spread, (separating_piles.CUBES, 2))
     poses = [middle @ Pose2(float(x), float(y), 40 * float(x + y)) for x, y in offsets]
     color, rgba = build.color("pile of {} blocks")
-    build.scene.name(piles.add_pile(build.client, rgba, poses), color, "pile of {} blocks")
+    build.scene.name(separating_piles.add_pile(build.client, rgba, poses), color, "pile of {} blocks")
     for _ in range(2):
-        pose = build.free.sample(piles.SQUARE / math.sqrt(2))
+        pose = build.free.sample(separating_piles.SQUARE / math.sqrt(2))
         if pose is not None:
             color, rgba = build.color("square")
-            build.scene.name([piles.add_square(build.client, rgba, pose)], color, "square")
+            build.scene.name([separating_piles.add_square(build.client, rgba, pose)], color, "square")
 
 
 def _packing(build: Builder) -> None:

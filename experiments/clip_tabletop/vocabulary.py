@@ -8,7 +8,8 @@ import numpy as np
 
 from experiments.clip_tabletop import basic_solids, tiles
 from gem_lite.foundations import colors
-from gem_lite.simulation.bodies import objects, ropes, shapes, symbol_boxes
+from gem_lite.simulation.bodies import objects, shapes, symbol_boxes
+from gem_lite.tasks import align_rope
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -132,7 +133,7 @@ STRUCTURES = {
     "side": ("side", *_SYNONYMS["side"]),
     "middle of the stand": ("middle of the stand",),
     "rope": ("rope", *_SYNONYMS["rope"]),
-    "square guide": ("square guide", *(f"{start} to {end}" for start, end in ropes.DIRECTIONS)),
+    "square guide": ("square guide", *(f"{start} to {end}" for start, end in align_rope.DIRECTIONS)),
     "pile of {} blocks": ("pile of {} blocks", "heap of {} blocks"),
 }
 """The names of what the tasks build on the table. In a pile's names, the colour stands at ``{}``."""

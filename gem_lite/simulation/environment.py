@@ -96,7 +96,6 @@ class Environment(ABC):
         film: called with each state after it came into the trace: to take pictures. By default nobody films.
 
     Args:
-        gui: open PyBullet's window; headless by default.
         style: the looks and the layout of the scenes.
     """
 
@@ -104,10 +103,10 @@ class Environment(ABC):
     base: Pose2 = Pose2(0.0, 0.0)
     parked: tuple[float, float, float] = PARKED
 
-    def __init__(self, gui: bool = False, style: Look = HOME) -> None:
+    def __init__(self, style: Look = HOME) -> None:
         self.style = style
         self.workspace = Workspace()
-        self.client = p.connect(p.GUI if gui else p.DIRECT)
+        self.client = p.connect(p.DIRECT)
         self.bodies: list[Body] = []
         self.steps_taken = 0
         self.effector: Effector
@@ -169,11 +168,7 @@ class Environment(ABC):
             RuntimeError: there is no task yet.
         """
         self.check(action)
-        held = None
-        if isinstance(action, Push):
-            self._push(action, watch)
-        else:
-            held = self._pick_and_place(action, watch)
+        held = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
         reward, done = self.conclude()
         watch("placed")
         observations = self.observe() if last_look or not done else ()
@@ -192,20 +187,14 @@ class Environment(ABC):
             allowed = " or ".join(kind.__name__ for kind in self.effector.actions)
             tool = type(self.effector).__name__
             raise ValueError(f"action must be a {allowed} for the tool {tool}, got a {type(action).__name__}")
-        if isinstance(action, Push):
-            tables = {"table": action.table}
-            poses = {"start": action.start, "end": action.end}
-        else:
-            tables = {"pick_table": action.pick_table, "place_table": action.place_table}
-            poses = {"pick": action.pick, "place": action.place}
-        for name, number in tables.items():
-            if not 0 <= number < len(self.tables):
-                raise ValueError(f"action.{name} must be in [0, {len(self.tables)}), got {number}")
-        for name, pose in poses.items():
-            if not workspace.contains(pose.x, pose.y):
-                raise ValueError(f"action.{name} = {pose} lies outside the workspace {workspace}")
-            if not math.isfinite(pose.yaw):
-                raise ValueError(f"action.{name} = {pose} has a yaw that is not a finite number of radians")
+        for name, value in vars(action).items():  # poses, and the numbers of tables
+            if not isinstance(value, Pose2):
+                if not 0 <= value < len(self.tables):
+                    raise ValueError(f"action.{name} must be in [0, {len(self.tables)}), got {value}")
+            elif not workspace.contains(value.x, value.y):
+                raise ValueError(f"action.{name} = {value} lies outside the workspace {workspace}")
+            elif not math.isfinite(value.yaw):
+                raise ValueError(f"action.{name} = {value} has a yaw that is not a finite number of radians")
         if isinstance(action, Push) and (action.start.x, action.start.y) == (action.end.x, action.end.y):
             raise ValueError(f"action.start and action.end must be different places, got {action.start} twice")
 
@@ -229,11 +218,12 @@ class Environment(ABC):
             self.effector.place(self.base @ (table_pose @ action.place))
         return held
 
-    def _push(self, action: Push, watch: Watch) -> None:
+    def _push(self, action: Push, watch: Watch) -> int | None:
         table_pose = self.reach(action.table)
         self.trace.clear()
         self.effector.push(self.base @ (table_pose @ action.start), self.base @ (table_pose @ action.end))
         watch("pushed")
+        return None
 
     def conclude(self) -> tuple[float, bool]:
         """End an action: park the tool, let the bodies settle, score, and let the task go on to its next sentence.

@@ -132,9 +132,9 @@ class MobileWorld(Environment):
 
     def __init__(
         self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), find: Finder = localise,
-        gui: bool = False, style: Look = HOME_STYLE,
+        style: Look = HOME_STYLE,
     ) -> None:  # fmt: skip
-        super().__init__(gui, style)
+        super().__init__(style)
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
         if tables[0] != Pose2(0.0, 0.0):

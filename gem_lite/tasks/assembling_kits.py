@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+import trimesh
 from typing_extensions import override
 
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import kits, shapes
+from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.packing_shapes import grasp_point, piece_symmetry
@@ -18,10 +21,47 @@ from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Split, Task
 
+KIT_SIZE = (0.28, 0.20, 0.005)
+"""Sides (m) of the board."""
+SPOTS = (
+    Pose2(-0.09, 0.045), Pose2(0.0, 0.045), Pose2(0.09, 0.045), Pose2(-0.045, -0.045), Pose2(0.045, -0.045),
+)  # fmt: skip
+"""The places of the holes in the frame of the board."""
+HOLE_COLOR = (0.2, 0.2, 0.2, 1.0)
+PRINT = 0.0012
+"""Height (m) of a hole's print over the board."""
 TOLERANCE = 0.01
 YAW_TOLERANCE = math.radians(15)
-KIT_RADIUS = math.hypot(*kits.KIT_SIZE[:2]) / 2
+KIT_RADIUS = math.hypot(*KIT_SIZE[:2]) / 2
 PIECE_RADIUS = 0.042
+
+
+@cache
+def hole_mesh(shape: str) -> trimesh.Trimesh:
+    """The print of a hole: the outline of a piece, `PRINT` thick."""
+    return trimesh.creation.extrude_polygon(shapes.outline(shape), PRINT)
+
+
+def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float]) -> tuple[Body, list[Body]]:
+    """Put a fixed board with one hole for each of five pieces on the table. Other bodies do not touch the holes.
+
+    Args:
+        pieces: the names of the five shapes.
+        yaws: the yaw (radians) of each hole in the world.
+
+    Returns:
+        The board and its holes.
+
+    Raises:
+        ValueError: no piece has one of these shapes.
+    """
+    board = shapes.add_box(client, KIT_SIZE, colors.rgba("brown"), pose, movable=False)
+    holes = []
+    for shape, spot, yaw in zip(pieces, SPOTS, yaws, strict=True):
+        place = pose @ spot
+        at = Pose2(place.x, place.y, yaw)
+        holes.append(shapes.add_print(client, hole_mesh(shape), HOLE_COLOR, at, KIT_SIZE[2]))
+    return board, holes
 
 
 def location(hole: Pose2, twins: Sequence[Pose2]) -> str:
@@ -54,7 +94,7 @@ class AssemblingKits(Task):
     unseen shapes, as in CLIPort; the variants differ in the colours. A piece that is put wrongly is not put again.
     """
 
-    max_steps = len(kits.SPOTS)
+    max_steps = len(SPOTS)
 
     def __init__(self, split: Split = "train", unseen: bool = False) -> None:
         super().__init__(split, unseen)
@@ -64,10 +104,10 @@ class AssemblingKits(Task):
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
         kit_pose = free.take(KIT_RADIUS)
-        count = len(kits.SPOTS)
+        count = len(SPOTS)
         names = [str(name) for name in rng.choice(self.shapes, count)]
         yaws = rng.uniform(-math.pi, math.pi, count).tolist()
-        board, holes = kits.add_full_kit(environment.client, kit_pose, names, yaws)
+        board, holes = add_full_kit(environment.client, kit_pose, names, yaws)
         self.put(environment, board, "kit")
         for hole, name in zip(holes, names, strict=True):
             self.put(environment, hole, f"{name} hole")

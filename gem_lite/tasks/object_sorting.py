@@ -28,8 +28,6 @@ OBJECTS = 5
 OBJECT_RADIUS = 0.06
 TOPPLING = 2.0
 """Seconds before the first picture. In this time, bodies that cannot stand (some ducks) fall over."""
-VARIANTS = (1000, 1100)
-"""The range of the objects' variants. CLIP was not trained on their proportions, see `objects.TRAINING_VARIANTS`."""
 INSIDE = ZoneMetric((symbol_boxes.BOX_SIDE, symbol_boxes.BOX_SIDE), trays.CONTAINER_HEIGHT)
 
 
@@ -62,7 +60,7 @@ class ObjectSorting(Task):
         for name in (named, *distractors):
             color = str(rng.choice(list(colors.RGB)))
             pose = random_pose(OBJECT_RADIUS)
-            variant = int(rng.integers(*VARIANTS))
+            variant = int(rng.integers(*objects.TEST_VARIANTS))
             body = objects.add_object(environment.client, name, colors.rgba(color), pose, variant)
             bodies.append(self.put(environment, body, f"{color} {name}"))
         environment.wait(TOPPLING)

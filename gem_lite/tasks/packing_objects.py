@@ -48,8 +48,6 @@ SPOTS = 21
 """So many places along each side of the box are tried for an object that leans out of it."""
 YAWS = 12
 """So many yaws are tried for every object."""
-VARIANTS = (1000, 1100)
-"""The range of the objects' variants. CLIP was not trained on their proportions, see `objects.TRAINING_VARIANTS`."""
 
 
 class PackingObjects(Task):
@@ -73,7 +71,7 @@ class PackingObjects(Task):
         extents = {}
         for name in self.choose(rng, len(split_floor(rng, zone.size, SHORTEST))):
             color = str(rng.choice(list(colors.RGB)))
-            variant = int(rng.integers(*VARIANTS))
+            variant = int(rng.integers(*objects.TEST_VARIANTS))
             with suppress(TableFullError):
                 pose = free.take(OBJECT_RADIUS)
                 body = objects.add_object(environment.client, name, colors.rgba(color), pose, variant)

@@ -47,10 +47,8 @@ def register(family: str, variants: Mapping[str, Mapping[str, object]] | None = 
     """
 
     def add(task: T) -> T:
-        arguments_by_name: dict[str, Mapping[str, object]] = {family: {}}
-        if variants:
-            arguments_by_name = {f"{family}-{variant}": arguments for variant, arguments in variants.items()}
-        for name, arguments in arguments_by_name.items():
+        for variant, arguments in (variants or {"": {}}).items():
+            name = f"{family}-{variant}" if variant else family
             TASKS.add(name, Variant(family, task, arguments), task.__module__)
         return task
 

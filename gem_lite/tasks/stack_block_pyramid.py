@@ -10,7 +10,8 @@ from typing_extensions import override
 
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import shapes, stands
+from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.parts import BROWNS
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.registry import register
@@ -19,9 +20,8 @@ from gem_lite.tasks.task import Task
 
 SPACING = 0.05
 """Distance (m) between the middles of neighbouring plates; also their length."""
-NAMES = ("lightest brown block", "middle brown block", "darkest brown block")
-PLATES = dict(zip(NAMES, stands.PLATES.values(), strict=True))
-"""The plates of the base along its +y: their names in the sentences, and their RGBA."""
+PLATES = ("lightest brown block", "middle brown block", "darkest brown block")
+"""The plates of the base along its +y: their names in the sentences. They have the colours `BROWNS`."""
 SPOTS = ((-0.05, 0), (0.0, 0), (0.05, 0), (-0.025, 1), (0.025, 1), (0.0, 2))
 """The target of each of the six blocks: y (m) in the base's frame, and the layer."""
 TOLERANCE = 0.01
@@ -48,7 +48,7 @@ class StackBlockPyramid(Task):
         sizes = environment.style.plates
         width, thickness = sizes[free.choose(len(sizes))]
         base = free.take(math.hypot(width, 3 * SPACING) / 2)
-        for (name, rgba), (y, _) in zip(PLATES.items(), SPOTS, strict=False):
+        for name, rgba, (y, _) in zip(PLATES, BROWNS, SPOTS, strict=False):
             size = (width, SPACING, thickness)
             plate = shapes.add_box(environment.client, size, rgba, base @ Pose2(0, y), movable=False)
             self.put(environment, plate, name)

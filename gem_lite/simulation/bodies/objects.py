@@ -19,6 +19,8 @@ from gem_lite.simulation.bodies.solids import join
 
 TRAINING_VARIANTS = 12
 """The embedded CLIP was trained on the variants 0 .. 11 and on no others."""
+TEST_VARIANTS = (1000, 1100)
+"""The range of the variants in the scenes of tasks. CLIP was not trained on their proportions."""
 
 NAMES: tuple[str, ...] = (
     "mug", "hammer", "screwdriver", "banana", "scissors", "bottle", "spoon", "fork", "knife", "pan", "spatula",
