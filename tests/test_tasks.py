@@ -352,13 +352,12 @@ def test_suction_holds_a_bar_at_any_yaw(blind, stage):
 
 @pytest.mark.parametrize(("start", "end"), tasks.align_rope.DIRECTIONS)
 def test_the_targets_of_a_rope_lie_evenly_between_two_corners(start, end):
-    places = tasks.align_rope.targets(Pose2(0.5, 0.1, 0.0), start, end)
-    points = np.array([(place.x - 0.5, place.y - 0.1) for place in places]) / (tasks.align_rope.LENGTH / 2)
-    assert len(points) == tasks.align_rope.BEADS
-    step = (np.array(tasks.align_rope.CORNERS[end]) - tasks.align_rope.CORNERS[start]) / tasks.align_rope.BEADS
-    assert np.allclose(np.diff(points, axis=0), step) and np.allclose(
-        points[0], tasks.align_rope.CORNERS[start] + step / 2
-    )
+    rope = tasks.align_rope
+    places = rope.targets(Pose2(0.5, 0.1, 0.0), start, end)
+    points = np.array([(place.x - 0.5, place.y - 0.1) for place in places]) / (rope.LENGTH / 2)
+    assert len(points) == rope.BEADS
+    step = (np.array(rope.CORNERS[end]) - rope.CORNERS[start]) / rope.BEADS
+    assert np.allclose(np.diff(points, axis=0), step) and np.allclose(points[0], rope.CORNERS[start] + step / 2)
 
 
 def test_a_rope_that_lies_the_other_way_round_is_aligned_too(blind):
@@ -380,12 +379,8 @@ def test_a_rope_that_lies_the_other_way_round_is_aligned_too(blind):
     ],
 )  # fmt: skip
 def test_a_word_tells_a_hole_from_its_twins(hole, twins, word):
-    assert (
-        tasks.assembling_kits.location(
-            tasks.assembling_kits.SPOTS[hole], [tasks.assembling_kits.SPOTS[twin] for twin in twins]
-        )
-        == word
-    )
+    spots = tasks.assembling_kits.SPOTS
+    assert tasks.assembling_kits.location(spots[hole], [spots[twin] for twin in twins]) == word
 
 
 def test_the_sentences_say_which_of_two_equal_holes(blind):
