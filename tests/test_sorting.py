@@ -27,8 +27,8 @@ from gem_lite.rgbd import tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import mobile_world
-from gem_lite.simulation.bodies import symbol_boxes
 from gem_lite.simulation.mobile_world import MobileWorld, side_by_side
+from gem_lite.tasks import object_sorting
 
 MOBILE = LITE.on_table(1.06)
 
@@ -50,16 +50,16 @@ def close():
     plt.close("all")
 
 
-@pytest.mark.parametrize("symbol", symbol_boxes.SYMBOLS)
+@pytest.mark.parametrize("symbol", object_sorting.SYMBOLS)
 def test_symbols_fit_their_paper_and_differ(symbol):
-    shape = symbol_boxes.symbol_outline(symbol)
+    shape = object_sorting.symbol_outline(symbol)
     x0, y0, x1, y1 = shape.bounds
-    assert max(x1 - x0, y1 - y0) == pytest.approx(symbol_boxes.SYMBOL_SIDE) and shape.is_valid
+    assert max(x1 - x0, y1 - y0) == pytest.approx(object_sorting.SYMBOL_SIDE) and shape.is_valid
     assert (x0 + x1, y0 + y1) == pytest.approx((0, 0), abs=1e-9)
-    others = [symbol_boxes.symbol_outline(other) for other in symbol_boxes.SYMBOLS if other != symbol]
+    others = [object_sorting.symbol_outline(other) for other in object_sorting.SYMBOLS if other != symbol]
     assert min(shape.symmetric_difference(other).area for other in others) > 0.15 * shape.area
     with pytest.raises(ValueError, match="symbol must be one of recycle, gear"):
-        symbol_boxes.symbol_outline("skull")
+        object_sorting.symbol_outline("skull")
 
 
 def test_table_of_another_length_keeps_its_pixels():

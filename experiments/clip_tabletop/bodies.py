@@ -14,8 +14,9 @@ import trimesh
 
 from experiments.clip_tabletop import basic_solids, tiles, vocabulary
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import objects, shapes, symbol_boxes
+from gem_lite.simulation.bodies import objects, shapes
 from gem_lite.simulation.bodies.shapes import Body
+from gem_lite.tasks import object_sorting
 from gem_lite.tasks.spawn import FreeSpace
 
 COLOR_NAMES, SHAPE_NAMES, NOUN_NAMES = (
@@ -112,7 +113,7 @@ def draw(kind: Kind, rng: np.random.Generator) -> tuple[int, str, tuple[float, .
         return COLOR_NAMES.index(color), shape, jittered(vocabulary.RGB[color], rng)
     noun = _draw_noun(kind, rng)
     if noun in vocabulary.BOXES:
-        return -1, noun, symbol_boxes.WALLS
+        return -1, noun, object_sorting.WALLS
     color, rgba = draw_color(noun, kind, rng)
     return color, noun, rgba
 
@@ -144,7 +145,7 @@ def _draw_noun(kind: Kind, rng: np.random.Generator) -> str:
 
 def _radius(noun: str) -> float:
     if noun in vocabulary.BOXES:
-        return symbol_boxes.BOX_RADIUS
+        return object_sorting.BOX_RADIUS
     if noun in ("box", "plate", *objects.NAMES) or noun.endswith("towel"):
         return 0.056
     radii = {"bowl": 0.058, "block": 0.03, "L-block": 0.07, "ball": 0.024, "cylinder": 0.024, "cone": 0.028}
@@ -161,7 +162,7 @@ def add(build: Builder, noun: str, color: tuple[float, ...], pose: Pose2) -> int
     if build.kind == "foreign" and noun in ("mug", "duck"):
         return shapes.add_mesh(client, foreign_mesh(noun), color, pose).id
     if noun in vocabulary.BOXES:
-        return symbol_boxes.add_symbol_box(client, noun.removesuffix(" box"), pose).id
+        return object_sorting.add_symbol_box(client, noun.removesuffix(" box"), pose).id
     if noun in tiles.TILES:
         return tiles.add_tile(client, noun, color, pose).id
     if noun in vocabulary.TEXTURED:

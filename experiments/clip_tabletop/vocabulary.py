@@ -8,8 +8,8 @@ import numpy as np
 
 from experiments.clip_tabletop import basic_solids, tiles
 from gem_lite.foundations import colors
-from gem_lite.simulation.bodies import objects, shapes, symbol_boxes
-from gem_lite.tasks import align_rope
+from gem_lite.simulation.bodies import objects, shapes
+from gem_lite.tasks import align_rope, object_sorting
 
 COLORS: dict[str, tuple[str, ...]] = {
     "blue": ("blue", "azure"),
@@ -142,7 +142,7 @@ _SYMBOL_SYNONYMS = {"recycle": "recycling", "gear": "cogwheel", "smiley": "smile
 
 BOXES: dict[str, tuple[str, ...]] = {
     f"{symbol} box": tuple(f"{word} box" for word in (symbol, _SYMBOL_SYNONYMS.get(symbol, f"{symbol} symbol")))
-    for symbol in symbol_boxes.SYMBOLS
+    for symbol in object_sorting.SYMBOLS
 }
 """The names of the boxes with symbols."""
 

@@ -59,9 +59,8 @@ def render(
     """Take a picture of a PyBullet world.
 
     Returns:
-        The view; and with ``segmentation`` the (H, W) body id of each pixel (-1: no body), plus
-        (link + 1) << 24 on a body's links. Segmentation is for training CLIP and for tests; no policy
-        gets it.
+        The view; and with ``segmentation`` the (H, W) body id of each pixel (-1: no body), plus (link + 1) << 24 on a
+        body's links. Segmentation is for training CLIP and for tests; no policy gets it.
     """
     forward = camera.rotation[:, 2]
     up = -camera.rotation[:, 1]
@@ -83,18 +82,9 @@ def render(
     )
     rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3].copy()
     buffer = np.asarray(buffer, np.float32).reshape(height, width)
-    near = camera.near
-    far = camera.far
-    depth = (near * far / (far - buffer * (far - near))).astype(np.float32)
+    depth = (camera.near * camera.far / (camera.far - buffer * (camera.far - camera.near))).astype(np.float32)
     masks = np.asarray(ids).reshape(height, width) if segmentation else None
     return View(camera, rgb, depth), masks
-
-
-def with_background(view: View, background: View) -> View:
-    """The view where it is nearer than a background of the same camera, elsewhere the background."""
-    behind = view.depth > background.depth
-    rgb = np.where(behind[..., None], background.rgb, view.rgb)
-    return View(view.camera, rgb, np.where(behind, background.depth, view.depth))
 
 
 def projection(camera: Camera) -> list[float]:

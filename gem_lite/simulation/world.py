@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import numpy as np
 import pybullet as p
 from typing_extensions import override
 
@@ -12,7 +13,7 @@ from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.looks import TABLE_COLOR, Look
-from gem_lite.simulation.rendering import cameras_around, render, with_background
+from gem_lite.simulation.rendering import cameras_around, render
 
 INVISIBLE = (0.0, 0.0, 0.0, 0.0)
 
@@ -41,8 +42,12 @@ class World(Environment):
         p.changeVisualShape(self._floor, -1, rgbaColor=INVISIBLE, physicsClientId=self.client)
         views = self._views(cameras)
         p.changeVisualShape(self._floor, -1, rgbaColor=self.style.floor, physicsClientId=self.client)
-        floors = _floor_views(self.style, self.workspace)
-        return (Observation(tuple(map(with_background, views, floors))),)
+        seen = []
+        for view, floor in zip(views, _floor_views(self.style, self.workspace), strict=True):
+            behind = view.depth > floor.depth
+            rgb = np.where(behind[..., None], floor.rgb, view.rgb)
+            seen.append(View(view.camera, rgb, np.where(behind, floor.depth, view.depth)))
+        return (Observation(tuple(seen)),)
 
     def _views(self, cameras: tuple[Camera, ...]) -> tuple[View, ...]:
         return tuple(render(self.client, camera, self.style.light)[0] for camera in cameras)

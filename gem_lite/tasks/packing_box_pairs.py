@@ -56,10 +56,9 @@ class PackingBoxPairs(Task):
                 extents[block.id] = (*size, BLOCK_HEIGHT)
         others = shuffled[len(named) :]
         for _ in range(DISTRACTORS):
-            size = cells[int(rng.integers(len(cells)))][1]
-            color = others[int(rng.integers(len(others)))]
+            _, size = cells[int(rng.integers(len(cells)))]
             with suppress(TableFullError):
-                self._add_block(environment, free, size, color)
+                self._add_block(environment, free, size, others[int(rng.integers(len(others)))])
         metric = VolumeMetric(box, zone.size, ABOVE, extents, symmetry=math.pi)
         sentence = f"pack all the {' and '.join(named)} blocks into the brown box"
         own = tuple((number,) for number in range(len(blocks)))
