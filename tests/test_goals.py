@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from tabletop import block, bowl, teleport
+from tabletop import block, bowl, play, teleport
 
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
@@ -197,16 +197,10 @@ def test_an_outside_task_is_swept_by_its_expert(blind):
     task = tasks.make("sweeping-near")
     assert isinstance(task, outside_task.Sweeping)
     blind.reset(task, 3)
-    action = task.expert(blind).action
-    assert isinstance(action, Push)
-    rewards = []
-    for _ in range(task.max_steps):
-        step = blind.step(task.expert(blind).action)
-        rewards.append(step.reward)
-        if step.done:
-            break
-    assert not step.grasped and step.trace
-    assert sum(rewards) == pytest.approx(1.0)
+    played = play(blind, task)
+    assert all(isinstance(action, Push) for action in played.actions)
+    assert all(step.trace and not step.grasped for step in played.steps)
+    assert sum(step.reward for step in played.steps) == pytest.approx(1.0)
     with pytest.raises(ValueError, match="action must be a Push for the tool Spatula, got a PickPlace"):
         blind.step(PickPlace(*SPOTS))
 

@@ -57,15 +57,10 @@ def test_a_table_that_is_seen_too_high_is_still_the_gray_card(millimetres):
     height = np.random.default_rng(0).normal(millimetres / 1000, 0.0005, workspace.shape).astype(np.float32)
     rgb[40:80, 20:50] = 250
     height[40:80, 20:50] += 0.04
-    seen = HeightMap(workspace, rgb, height, np.ones(workspace.shape, bool))
-    assert exposure(seen) == pytest.approx(TABLE_LEVEL / 70)
-
-
-def test_without_a_bare_cell_colours_stay():
-    workspace = Workspace()
-    rgb = np.full((*workspace.shape, 3), 200, np.uint8)
-    covered = HeightMap(workspace, rgb, np.full(workspace.shape, 0.05, np.float32), np.ones(workspace.shape, bool))
-    assert exposure(covered) == 1.0
+    valid = np.ones(workspace.shape, bool)
+    assert exposure(HeightMap(workspace, rgb, height, valid)) == pytest.approx(TABLE_LEVEL / 70)
+    covered = HeightMap(workspace, rgb, np.full_like(height, 0.05), valid)
+    assert exposure(covered) == 1.0, "without a bare cell, colours stay"
 
 
 def test_shadows_are_cast():
@@ -104,16 +99,11 @@ def test_home_bodies_keep_their_distance_and_touching_ones_do_not():
     assert (touching < 0.0011).mean() > 0.8
 
 
-def test_blocks_touch_face_to_face():
-    style = Look("all", touching=1.0)
-    free = FreeSpace(Workspace(), np.random.default_rng(0), style)
+def test_blocks_touch_face_to_face_and_others_lie_at_the_edge():
+    free = FreeSpace(Workspace(), np.random.default_rng(0), Look("all", touching=1.0))
     first, second = (free.take(0.02 * 2**0.5, 0.02) for _ in range(2))
     off = first.inverse() @ second
-    assert sorted([abs(off.x), abs(off.y)]) == pytest.approx([0, 0.041])
-    assert off.yaw == pytest.approx(0)
-
-
-def test_bodies_at_the_edge():
+    assert sorted([abs(off.x), abs(off.y)]) == pytest.approx([0, 0.041]) and off.yaw == pytest.approx(0)
     free = FreeSpace(Workspace(), np.random.default_rng(0), Look("edge", at_edge=1.0))
     poses = [free.take(0.02) for _ in range(8)]
     w = Workspace()
