@@ -11,7 +11,7 @@ import pytest
 import torch
 from drawings import plot_mobile
 from summaries import Score
-from tabletop import distance
+from tabletop import distance, lay_out
 
 from gem_lite import clip, tasks
 from gem_lite.cli import main
@@ -42,6 +42,21 @@ def world():
 @pytest.fixture(scope="module")
 def policy():
     return Gem(MOBILE, clip.load(), seed=0)
+
+
+@pytest.fixture(scope="module")
+def seen(world):
+    """(observations, sentence): the beginning of an episode."""
+    task = tasks.make("object-sorting-seen", "val")
+    return world.reset(task, tasks.episode_seed("val", 0)), task.instruction
+
+
+@pytest.fixture
+def begun(world):
+    """The world at the same beginning, the base at the first table."""
+    lay_out(world, "object-sorting-seen")
+    world.drive(0)
+    return world
 
 
 @pytest.fixture(autouse=True)
@@ -112,13 +127,12 @@ def test_a_table_not_found_counts_as_a_failure(world, policy, monkeypatch):
     assert (found.reward, found.error) == (0.0, "nowhere")
 
 
-def test_injected_errors_have_their_size(world):
-    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
+def test_injected_errors_have_their_size(begun):
     find = Condition("truth", 0.03, math.radians(4)).finder(np.random.default_rng(0))
     middle, sides = Pose2(0.5, 0.0), set()
     for _ in range(8):
-        estimate = find(world, 1) @ middle
-        true = world.true_table(1) @ middle
+        estimate = find(begun, 1) @ middle
+        true = begun.true_table(1) @ middle
         assert distance(estimate, true) == pytest.approx(0.03)
         sides.add(round(math.degrees(estimate.yaw - true.yaw)))
     assert sides == {-4, 4}
@@ -178,9 +192,8 @@ def test_bad_requests_are_refused(tmp_path, capsys):
     assert "no world is named 'mars'" in capsys.readouterr().err
 
 
-def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
-    task = tasks.make("object-sorting-seen", "val")
-    choice = policy.decide_over(world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+def test_the_pick_lies_near_the_peak_of_all_tables_maps(seen, policy):
+    choice = policy.decide_over(*seen)
     semantic = choice.inputs.maps["pick"][:, 0]
     height = HEIGHT_SCALE * choice.inputs.rgbd[:, 3]
     near = near_peak(semantic, height, torch.ones_like(semantic, dtype=torch.bool), MOBILE)
@@ -191,10 +204,9 @@ def test_the_pick_lies_near_the_peak_of_all_tables_maps(world, policy):
 # Drawings
 
 
-def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
+def test_stitched_figure_marks_pick_and_place_on_their_tables(seen):
     free = Gem(replace(MOBILE, peak_margin=None), clip.load(), seed=0)
-    task = tasks.make("object-sorting-seen", "val")
-    choice = free.decide_over(world.reset(task, tasks.episode_seed("val", 0)), task.instruction)
+    choice = free.decide_over(*seen)
     fig = plot_mobile.show_stitched(choice, "some CLIP")
     shown = [ax for ax in fig.axes if ax.get_title()]
     assert len(shown) == 5 and all(ax.images[0].get_array().shape[:2] == (160, 160) for ax in shown)
@@ -205,12 +217,10 @@ def test_stitched_figure_marks_pick_and_place_on_their_tables(world):
         assert ax.images[0].get_array()[round(row), round(col) + 80 * table] == 0  # the best logit is there
 
 
-def test_a_tag_on_the_table_gives_the_cameras_pose(world):
-    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
-    world.drive(0)
-    view = world.look()
-    found = tags.camera_in_table(view.rgb, view.camera.matrix, world.tags[0], world.tag)
-    table = world.true_table(0)
+def test_a_tag_on_the_table_gives_the_cameras_pose_and_is_drawn(begun):
+    view = begun.look()
+    found = tags.camera_in_table(view.rgb, view.camera.matrix, begun.tags[0], begun.tag)
+    table = begun.true_table(0)
     base_from_table = np.eye(4)
     base_from_table[:2, :2] = [[np.cos(table.yaw), -np.sin(table.yaw)], [np.sin(table.yaw), np.cos(table.yaw)]]
     base_from_table[:2, 3] = table.x, table.y
@@ -218,17 +228,14 @@ def test_a_tag_on_the_table_gives_the_cameras_pose(world):
     assert np.allclose(found[:3, 3], expected[:3, 3], atol=0.02)
     assert np.allclose(found[:3, :3], expected[:3, :3], atol=0.03)
     with pytest.raises(tags.LocalisationError, match="tag 500 is not in the picture"):
-        tags.camera_in_table(view.rgb, view.camera.matrix, 500, world.tag)
-
-
-def test_localisation_and_curves_are_drawn(world):
-    world.reset(tasks.make("object-sorting-seen", "val"), tasks.episode_seed("val", 0))
-    world.drive(0)
-    view = world.look()
+        tags.camera_in_table(view.rgb, view.camera.matrix, 500, begun.tag)
     away = np.ones(MOBILE.workspace.shape)
     fig = plot_mobile.show_localisation(view, tags.find_tags(view)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
-    assert plot_mobile.photograph(world).shape == (480, 640, 3)
+    assert plot_mobile.photograph(begun).shape == (480, 640, 3)
+
+
+def test_curves_are_drawn():
     cells = {size: Score(np.zeros((1, 4)), 90 - size, (80 - size, 95 - size), None, (0, 1, 2, 3)) for size in (0, 2, 4)}
     robot = {"seen": cells[0], "unseen": cells[4]}
     fig = plot_mobile.show_error_curves({"shift (cm)": {"seen": cells}, "turn (°)": {"seen": cells}}, robot)
