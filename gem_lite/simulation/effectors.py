@@ -9,7 +9,6 @@ A task names its effector. A program outside the library registers its own in th
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, Protocol
 
@@ -54,7 +53,7 @@ LOW_LIFT = 0.02
 """How far (m) the low suction cup lifts what it carries, as in CLIPort."""
 SLOW_STRIDE = STRIDE / 3
 """Metres per simulation step during a push, and of the low suction cup while it carries a body."""
-DARK = (0.1, 0.1, 0.1, 1)
+DARK = (0.1, 0.1, 0.1, 1.0)
 
 
 class Effector(Protocol):
@@ -97,23 +96,28 @@ class Effector(Protocol):
 EFFECTORS: Registry[type[Effector]] = Registry("end effector")
 
 
-class FloatingTool(ABC):
+class FloatingTool:
     """The motion of a tool: a strong constraint pulls its body to the target pose. See `Effector`.
 
     Attributes:
-        reach: the distance (m) from the tool's centre down to its lower end.
+        form: PyBullet's kind of shape.
+        half: half of the tool's sides (m) along x, y and z.
         id: the id of its body.
         travel_height: height (m) at which it travels now.
         stride: metres per simulation step at which it travels now.
     """
 
-    reach: ClassVar[float]
+    form: ClassVar[int]
+    half: ClassVar[tuple[float, float, float]]
 
     def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
         self._client = client
         self._parked = parked
         self._log = log
-        self.id = p.createMultiBody(0.5, *self.make_shapes(client), parked, physicsClientId=client)
+        common = dict(radius=self.half[0], halfExtents=self.half, physicsClientId=client)
+        collision = p.createCollisionShape(self.form, height=2 * self.half[2], **common)
+        visual = p.createVisualShape(self.form, length=2 * self.half[2], rgbaColor=DARK, **common)
+        self.id = p.createMultiBody(0.5, collision, visual, parked, physicsClientId=client)
         self._drive = p.createConstraint(
             self.id, -1, -1, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), parked, physicsClientId=client
         )
@@ -123,11 +127,6 @@ class FloatingTool(ABC):
         self.travel_height = CLEARANCE
         self.stride = STRIDE
         self._clock = 0
-
-    @staticmethod
-    @abstractmethod
-    def make_shapes(client: int) -> tuple[int, int]:
-        """The tool's collision shape and visual shape, centred on the tool."""
 
     def carry(self, pose: Pose2) -> None:
         """Travel above ``pose``, with the held body if there is one."""
@@ -155,7 +154,7 @@ class FloatingTool(ABC):
             The ids of the bodies that it touches, from ``touching()``.
         """
         touched = touching()
-        while not touched and self._target[2] > self.reach + above:
+        while not touched and self._target[2] > self.half[2] + above:
             self._advance(self._target - [0, 0, 0.001], self._yaw)
             touched = touching()
         return touched
@@ -195,17 +194,10 @@ class Suction(FloatingTool):
     """A suction cup: it holds the movable body that its tip touches, at any yaw, and really carries it."""
 
     actions = (PickPlace,)
-    reach = TIP_LENGTH / 2
+    form = p.GEOM_CYLINDER
+    half = (TIP_RADIUS, TIP_RADIUS, TIP_LENGTH / 2)
     _hold: int | None = None
     """The constraint by which it holds a body."""
-
-    @staticmethod
-    @override
-    def make_shapes(client: int) -> tuple[int, int]:
-        common = dict(radius=TIP_RADIUS, physicsClientId=client)
-        collision = p.createCollisionShape(p.GEOM_CYLINDER, height=TIP_LENGTH, **common)
-        visual = p.createVisualShape(p.GEOM_CYLINDER, length=TIP_LENGTH, rgbaColor=DARK, **common)
-        return collision, visual
 
     def pick(self, pose: Pose2, movable: set[int]) -> bool:
         """Move above ``pose``, go down until the tip touches a body, grasp, lift. Returns whether a body is held."""
@@ -298,15 +290,8 @@ class Spatula(FloatingTool):
     """A flat upright blade. It pushes bodies and cannot hold them (CLIPort's tool for piles)."""
 
     actions = (Push,)
-    reach = BLADE[2] / 2
-
-    @staticmethod
-    @override
-    def make_shapes(client: int) -> tuple[int, int]:
-        common = dict(halfExtents=[side / 2 for side in BLADE], physicsClientId=client)
-        collision = p.createCollisionShape(p.GEOM_BOX, **common)
-        visual = p.createVisualShape(p.GEOM_BOX, rgbaColor=DARK, **common)
-        return collision, visual
+    form = p.GEOM_BOX
+    half = (BLADE[0] / 2, BLADE[1] / 2, BLADE[2] / 2)
 
     def push(self, start: Pose2, end: Pose2) -> None:
         """Go down `RUN_UP` behind ``start`` until the blade touches something, move to ``end``, and rise.

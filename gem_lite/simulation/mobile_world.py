@@ -42,18 +42,10 @@ HOME = Pose2(1.5, -2.0, math.pi)
 """The pose where the base waits, in the first table's frame. The tables' cameras do not see it there."""
 BODY_COLOR = (0.85, 0.68, 0.12, 1.0)
 LEG_COLOR = (0.15, 0.15, 0.16, 1.0)
-
-
-def mast_camera(height: float = 0.6, pitch: float = math.radians(50)) -> Camera:
-    """The body camera in the base's frame (x forward, y left, z up from the tables' tops). It looks ahead and down.
-
-    Args:
-        height: metres above the tables' tops.
-        pitch: radians below the horizon.
-    """
-    level = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # the axes of a level camera that looks along +x
-    turn = Rotation.from_euler("y", pitch) * level
-    return Camera.pinhole("body", (0.1, 0.0, height), turn.as_quat())
+_LEVEL = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # the axes of a level camera that looks along +x
+_DOWN = Rotation.from_euler("y", math.radians(50))
+MAST_CAMERA = Camera.pinhole("body", (0.1, 0.0, 0.6), (_DOWN * _LEVEL).as_quat())
+"""The body camera in the base's frame (x forward, y left, z up from the tables' tops). It looks ahead and down."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ class RobotBody:
         odometry: standard deviation (m, radians) of the place where the base stops.
     """
 
-    camera: Camera = field(default_factory=mast_camera)
+    camera: Camera = MAST_CAMERA
     camera_offset: Pose2 = field(default_factory=lambda: Pose2(0.0, 0.0))
     camera_noise: float = 0.0
     odometry: tuple[float, float] = (0.02, math.radians(3))

@@ -64,16 +64,6 @@ def _regular(count: int, radius: float) -> Polygon:
     return _polar(np.pi / 2 + 2 * np.pi * np.arange(count) / count, radius)
 
 
-def _star(points: int = 5, outer: float = 0.0318, inner: float = 0.0159) -> Polygon:
-    corners = np.arange(2 * points)
-    return _polar(np.pi / 2 + np.pi * corners / points, np.where(corners % 2 == 0, outer, inner))
-
-
-def _flower() -> Polygon:
-    angles = 2 * np.pi * np.arange(96) / 96
-    return _polar(angles, 0.026 + 0.004 * np.cos(4 * angles))
-
-
 def _heart() -> Polygon:
     t = np.linspace(0, 2 * np.pi, 64, endpoint=False)
     x = 16 * np.sin(t) ** 3
@@ -81,6 +71,8 @@ def _heart() -> Polygon:
     return Polygon(np.stack([x, y], axis=1) * 0.06 / 34)
 
 
+_OF_STAR = np.arange(10)
+_OF_FLOWER = 2 * np.pi * np.arange(96) / 96
 _OUTLINES: dict[str, Polygon] = {
     "triangle": _regular(3, 0.035),
     "square": box(-0.03, -0.03, 0.03, 0.03),
@@ -88,8 +80,8 @@ _OUTLINES: dict[str, Polygon] = {
     "diamond": Polygon([(0.0375, 0), (0, 0.03), (-0.0375, 0), (0, -0.03)]),
     "pentagon": _regular(5, 0.03),
     "rectangle": box(-0.0375, -0.0225, 0.0375, 0.0225),
-    "flower": _flower(),
-    "star": _star(),
+    "flower": _polar(_OF_FLOWER, 0.026 + 0.004 * np.cos(4 * _OF_FLOWER)),
+    "star": _polar(np.pi / 2 + np.pi * _OF_STAR / 5, np.where(_OF_STAR % 2 == 0, 0.0318, 0.0159)),
     "circle": _regular(48, 0.03),
     "ring": _regular(48, 0.03).difference(_regular(48, 0.0126)),
     "hexagon": _regular(6, 0.03),
