@@ -17,6 +17,7 @@ from gem_lite.foundations import colors
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.effectors import planar
 from gem_lite.steerable import correlation
 
 HIGH = 0.01
@@ -178,7 +179,9 @@ def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     pick = before @ Pose2(CORNER.x, CORNER.y, 0.3)
     place = Pose2(0.55, -0.15, wrap(pick.yaw + delta))
     tool_yaws = []
-    step = world.step(PickPlace(pick, place), watch=lambda moment: tool_yaws.append(world.effector.yaw))
+    step = world.step(
+        PickPlace(pick, place), watch=lambda moment: tool_yaws.append(planar(world.client, world.effector.id).yaw)
+    )
     after, expected = world.pose(body)[0], place @ pick.inverse() @ before
 
     assert step.grasped
