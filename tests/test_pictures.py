@@ -179,9 +179,8 @@ def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     pick = before @ Pose2(CORNER.x, CORNER.y, 0.3)
     place = Pose2(0.55, -0.15, wrap(pick.yaw + delta))
     tool_yaws = []
-    step = world.step(
-        PickPlace(pick, place), watch=lambda moment: tool_yaws.append(planar(world.client, world.effector.id).yaw)
-    )
+    tool = world.effector.id
+    step = world.step(PickPlace(pick, place), watch=lambda _: tool_yaws.append(planar(world.client, tool).yaw))
     after, expected = world.pose(body)[0], place @ pick.inverse() @ before
 
     assert step.grasped
