@@ -14,7 +14,6 @@ from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import read_card
 from gem_lite.policies.gem_config import LITE
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 
@@ -22,16 +21,12 @@ TASK = "put-block-in-bowl-seen-colors"
 SHIPPED = clip.DATA / "gem-put-block-in-bowl.safetensors"
 
 
-def test_rounding_to_pixels_and_angles_keeps_the_expert_perfect(world):
+def test_rounding_to_pixels_and_angles_keeps_the_expert_perfect(blind):
     actor = actors.rounded_expert(LITE)
     for index in range(3):
-        assert evaluate.run_episode(world, actor, TASK, "test", index).reward == pytest.approx(1.0)
-
-
-def test_rounding_is_at_most_half_a_pixel_and_half_a_bin(world):
-    observation = world.reset(tasks.make(TASK, "val"), tasks.episode_seed("val", 1))
-    exact = actors.expert(world, observation).action
-    rounded = actors.rounded_expert(LITE)(world, observation)
+        assert evaluate.run_episode(blind, actor, TASK, "test", index).reward == pytest.approx(1.0)
+    blind.begin(tasks.make(TASK, "val"), tasks.episode_seed("val", 1))
+    exact, rounded = actors.expert(blind).action, actor(blind, None)
     assert exact != rounded
     for one, two in ((exact.pick, rounded.pick), (exact.place, rounded.place)):
         assert max(abs(one.x - two.x), abs(one.y - two.y)) <= LITE.pixel / 2 + 1e-9
@@ -39,12 +34,10 @@ def test_rounding_is_at_most_half_a_pixel_and_half_a_bin(world):
     assert abs(turn) <= np.pi / LITE.angles + 1e-9
 
 
-def test_random_actor_scores_little_and_repeats(world):
-    def play(seed):
-        return [evaluate.run_episode(world, actors.random_actor(LITE, seed), TASK, "val", i).reward for i in range(3)]
-
-    assert np.mean(play(0)) <= 1 / 3
-    actions = [actors.random_actor(LITE, seed)(world, None) for seed in (1, 1, 2)]
+def test_random_actor_scores_little_and_repeats(blind):
+    played = [evaluate.run_episode(blind, actors.random_actor(LITE, 0), TASK, "val", index) for index in range(3)]
+    assert np.mean([episode.reward for episode in played]) <= 1 / 3
+    actions = [actors.random_actor(LITE, seed)(blind, None) for seed in (1, 1, 2)]
     assert actions[0] == actions[1] != actions[2]
 
 
@@ -69,19 +62,6 @@ def test_what_cannot_be_measured_is_refused(arguments, sentence):
         evaluate.evaluate(Measurement(*arguments))
 
 
-def test_a_world_is_chosen_by_its_name(monkeypatch):
-    styles = []
-
-    class Watched(evaluate.World):
-        def __init__(self, **arguments):
-            styles.append(arguments["style"].name)
-            super().__init__(**arguments)
-
-    monkeypatch.setattr(evaluate, "World", Watched)
-    evaluate.run_job(evaluate.Job(Measurement("expert", TASK, split="val"), looks.style("shadows"), range(1)))
-    assert styles == ["shadows"]
-
-
 @pytest.fixture
 def command(monkeypatch, tmp_path):
     """``command("expert", TASK, ...)`` runs the command line over fake episodes; the outcome is its exit code."""
@@ -89,13 +69,11 @@ def command(monkeypatch, tmp_path):
     monkeypatch.setattr(results, "RUNS", tmp_path / "runs")
 
     def play(measurement, processes):
+        measurement.check()
         return [Episode(measurement.start + i, 1.0, 1, ()) for i in range(measurement.episodes)]
 
-    def run(*words, measured=True):
-        monkeypatch.setattr(evaluate, "evaluate", play if measured else evaluate.evaluate)
-        return main(["evaluate", *words])
-
-    return run
+    monkeypatch.setattr(evaluate, "evaluate", play)
+    return lambda *words: main(["evaluate", *words])
 
 
 def test_a_smoke_run_replaces_no_filed_row(command, tmp_path, capsys):
@@ -144,22 +122,26 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
     assert all(row[name] is None for row in rows.values() for name in empty)
 
 
-def test_wrong_requests_end_in_one_sentence(command, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("expert TASK --world mars", "no world is named 'mars'"),
+        ("gem TASK", "gem needs --checkpoint"),
+        ("gem TASK --checkpoint none.safetensors", "none.safetensors is missing"),
+        ("gemini TASK", "method must be one of gem, "),
+        ("expert-rounded put-blocks-in-bowl", TASK),
+        ("expert TASK --out a-file/rows.jsonl", "a-file/rows.jsonl cannot be written"),
+    ],
+)
+def test_wrong_requests_end_in_one_sentence(command, words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "a-file").write_text("")
-    for words, said in (
-        (("expert", TASK, "--world", "mars"), "no world is named 'mars'"),
-        (("gem", TASK), "gem needs --checkpoint"),
-        (("gem", TASK, "--checkpoint", str(tmp_path / "none.safetensors")), "none.safetensors is missing"),
-        (("gemini", TASK), "method must be one of gem, "),
-        (("expert-rounded", "put-blocks-in-bowl"), "put-block-in-bowl-seen-colors"),
-        (("expert", TASK, "--out", str(tmp_path / "a-file" / "rows.jsonl")), "a-file/rows.jsonl cannot be written"),
-    ):
-        assert command(*words, measured=False) == 2
-        message = capsys.readouterr().err
-        assert said in message and message.count("\n") == 1
+    assert command(*words.replace("TASK", TASK).split()) == 2
+    message = capsys.readouterr().err
+    assert said in message and message.count("\n") == 1
 
 
-def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(world, monkeypatch):
+def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(blind, monkeypatch):
     """A scripted actor: the empty table, the empty table again, the block, and the placed block once more."""
     told = []
 
@@ -173,9 +155,6 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
         def score(self, world):
             return 0.0
 
-        def expert(self, world):
-            return None
-
         def placed(self, world):
             return {self.block.id} if world.pose(self.block)[0].x > 0.55 else set()
 
@@ -186,8 +165,7 @@ def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_
         return PickPlace(picks[len(told) - 1], Pose2(0.6, 0.0))
 
     monkeypatch.setattr(evaluate.tasks, "make", lambda name, split: OneBlock())
-    monkeypatch.setattr(World, "observe", lambda self: (None,))
-    episode = evaluate.run_episode(world, actor, "staged", "val", 0)
+    episode = evaluate.run_episode(blind, actor, "staged", "val", 0)
     assert told == [[], picks[:1], picks[:2], []]
     assert (episode.placed_decisions, episode.retaken) == (1, 1)
 
@@ -198,10 +176,15 @@ def test_a_subset_of_episodes_has_a_row_of_its_own():
     assert rows == {"all": {"0": 1.0, "1": 0.0, "2": 0.5}, "hard": {"0": 1.0, "2": 0.5}, "odd": {"2": 0.5}}
 
 
-def test_skipped_episodes_are_replaced_by_later_ones_and_named_in_the_row(jobs_here, tmp_path):
-    measurement = Measurement("expert", TASK, 3, skip=(1, 9))
+def test_skipped_episodes_are_replaced_by_later_ones_and_a_world_is_chosen_by_its_name(
+    jobs_here, tmp_path, monkeypatch
+):
+    styles = []
+    monkeypatch.setattr(evaluate, "World", lambda style: styles.append(style.name) or World(style=style))
+    monkeypatch.setattr(World, "observe", lambda self: (None,))
+    measurement = Measurement("expert", TASK, 3, skip=(1, 9), world="shadows")
     rows, _ = evaluate.measure_and_file(measurement, tmp_path / "rows.jsonl")
-    assert list(rows[0]["rewards"]) == ["0", "2", "3"]
+    assert list(rows[0]["rewards"]) == ["0", "2", "3"] and styles == ["shadows"]
     assert rows[0]["skipped"] == results.read_rows(tmp_path / "rows.jsonl")[0]["skipped"] == [1]
 
 
@@ -214,19 +197,13 @@ def test_episodes_come_in_chunks():
 
 @pytest.mark.parametrize(("rewards", "total"), [((0.1, 0.2, -0.3), 0.0), ((0.7, 0.1, 0.2), 1.0), ((0.5, -0.25), 0.25)])
 def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, rewards, total):
-    last = len(rewards) - 1
-    steps = [
-        SimpleNamespace(observations=(), grasped=True, reward=reward, done=number == last)
-        for number, reward in enumerate(rewards)
-    ]
-    world = SimpleNamespace(
-        begin=lambda *_: None, observe=tuple, steps_taken=len(rewards), step=lambda *_, **__: steps.pop(0)
-    )
-    monkeypatch.setattr(
-        tasks, "make", lambda *_: SimpleNamespace(placed=lambda _: set(), subsets=tuple, instruction="")
-    )
+    result = SimpleNamespace(observations=(), grasped=True, done=False)
+    steps = [SimpleNamespace(**vars(result) | {"reward": reward}) for reward in rewards]
+    steps[-1].done = True
+    world = SimpleNamespace(begin=lambda *_: None, observe=tuple, steps_taken=0, step=lambda *_, **__: steps.pop(0))
+    task = SimpleNamespace(placed=lambda _: set(), subsets=tuple, instruction="")
+    monkeypatch.setattr(tasks, "make", lambda *_: task)
     push = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
     episode = evaluate.run_episode(world, lambda *_: push, TASK, "test", 0)
-    assert 0.0 <= episode.reward <= 1.0
-    assert episode.reward == pytest.approx(total)
+    assert 0.0 <= episode.reward <= 1.0 and episode.reward == pytest.approx(total)
     results.reward_entries({0: episode.reward})

@@ -7,6 +7,7 @@ import nbformat
 import pytest
 
 ROOT = Path(__file__).parent.parent
+LESSONS = ROOT / "notebooks"
 
 
 @pytest.fixture(scope="module")
@@ -20,44 +21,29 @@ def folder(tmp_path_factory):
     return new
 
 
-@pytest.fixture(scope="module")
-def handouts(folder):
-    """(lesson, handout) of every lesson."""
-    lessons = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    return [tuple(nbformat.read(path, as_version=4) for path in (one, folder / one.name)) for one in lessons]
-
-
 def tagged(notebook, tag):
     return [cell.source for cell in notebook.cells if tag in cell.metadata.get("tags", [])]
 
 
-def test_exercises_stay_and_solutions_go(handouts):
-    for lesson, handout in handouts:
+def test_exercises_hints_and_questions_stay_and_solutions_and_answers_go(folder):
+    for path in sorted(LESSONS.glob("*.ipynb")):
+        both = lesson, handout = [nbformat.read(one, as_version=4) for one in (path, folder / path.name)]
         assert tagged(lesson, "solution") and not tagged(handout, "solution")
         assert tagged(handout, "exercise") == tagged(lesson, "exercise")
         assert tagged(handout, "check") == tagged(lesson, "check")
-
-
-def test_questions_stay_and_answers_go(handouts):
-    for lesson, handout in handouts:
+        hints = [sum(cell.source.count("<summary>Hint") for cell in notebook.cells) for notebook in both]
+        assert hints[0] == hints[1] > 0
         questions, asked = (
             next(cell.source for cell in notebook.cells if "## Check yourself" in cell.source)
             .partition("## Check yourself")[2]
             .partition("\n## ")[0]
-            for notebook in (lesson, handout)
+            for notebook in both
         )
         assert questions.count("<summary>") == 5
         assert "<details>" not in asked and asked.count("\n- ") == 5
         assert len(asked) < len(questions)
 
 
-def test_hints_stay(handouts):
-    for lesson, handout in handouts:
-        hints = [sum(cell.source.count("<summary>Hint") for cell in notebook.cells) for notebook in (lesson, handout)]
-        assert hints[0] == hints[1] > 0
-
-
 def test_what_lessons_import_lies_beside_the_handouts(folder):
-    lessons = ROOT / "notebooks"
-    code = {path.relative_to(lessons) for path in lessons.rglob("*.py")}
+    code = {path.relative_to(LESSONS) for path in LESSONS.rglob("*.py")}
     assert code == {path.relative_to(folder) for path in folder.rglob("*.py")}

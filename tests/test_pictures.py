@@ -37,9 +37,6 @@ def window(mask, row, col, half):
     return mask[row - half : row + half + 1, col - half : col + half + 1]
 
 
-# A letter ------------------------------------------------------------------------------------------------
-
-
 def footprint(outline, half, pixel):
     """(2 half + 1,)*2 bool: the cells that an outline touches; rows grow with -y, columns with +x."""
     x, y = np.meshgrid(np.arange(-half, half + 1) * pixel, -np.arange(-half, half + 1) * pixel)
@@ -88,9 +85,6 @@ def test_letter_r_has_its_stem_on_the_left_and_its_legs_below(letter_r):
     assert not letter[-1].all() and letter[-1, [0, -2]].all()  # a gap between the two feet
 
 
-# An L-shaped block ---------------------------------------------------------------------------------------
-
-
 def l_block(pose):
     return partial(shapes.add_l_block, color=colors.rgba("blue"), pose=pose)
 
@@ -120,13 +114,14 @@ def find_l(mask, kernel):
 
 def test_l_at_yaw_0_reads_as_l(l_mask):
     centre, arm = HALF, 4  # the middle of each arm is about 30 mm = 4.8 cells off
-    assert l_mask[centre - arm, centre - arm]  # top of the upright arm
-    assert l_mask[centre + arm, centre - arm]  # the corner, lower left
-    assert l_mask[centre + arm, centre + arm]  # end of the lying arm
+    upper_left, corner, lower_right = [
+        l_mask[centre + down, centre + right] for down, right in ((-arm, -arm), (arm, -arm), (arm, arm))
+    ]
+    assert upper_left and corner and lower_right
     assert not l_mask[centre - arm :, centre + arm :][:3].any()  # the notch, upper right
 
 
-@pytest.mark.parametrize("degrees", [0, 30, 90, -60, 145])
+@pytest.mark.parametrize("degrees", [0, 30, 145])
 def test_kernel_finds_the_l_at_its_pixel_and_at_plus_its_yaw(stage, l_kernel, degrees):
     yaw = math.radians(degrees)
     _, observation = stage(l_block(Pose2(*W.to_world(95, 47), yaw)))
@@ -135,7 +130,7 @@ def test_kernel_finds_the_l_at_its_pixel_and_at_plus_its_yaw(stage, l_kernel, de
     assert math.degrees(abs(wrap(angle - yaw))) <= 5.1
 
 
-@pytest.mark.parametrize("degrees", [30, 90, -60])
+@pytest.mark.parametrize("degrees", [30, -60])
 def test_the_world_turns_as_the_picture_turns(stage, l_mask, degrees):
     yaw, row, col = math.radians(degrees), 95, 47
     pose = Pose2(*W.to_world(row, col), yaw)
@@ -170,7 +165,7 @@ def test_image_motion_of_the_map_is_a_motion_of_the_block(stage, l_kernel, degre
     assert math.degrees(abs(wrap(found[2] - yaw - motion.angle))) <= 5.1
 
 
-@pytest.mark.parametrize(("degrees", "turn"), [(0, 90), (30, -60), (90, 45), (-60, 150)])
+@pytest.mark.parametrize(("degrees", "turn"), [(30, -60), (-60, 150)])
 def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     delta = math.radians(turn)
     (body,), _ = stage(l_block(Pose2(0.42, 0.1, math.radians(degrees))))
@@ -193,23 +188,15 @@ def test_tool_turns_the_l_by_delta(world, stage, l_kernel, degrees, turn):
     assert math.degrees(abs(wrap(angle - before.yaw - delta))) <= 6
 
 
-# Meshes --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES)
-def test_pieces_are_solid_and_of_one_size(name):
-    mesh = shapes.piece_mesh(name)
-    assert mesh.is_watertight and mesh.volume > 0
-    assert mesh.extents[2] == pytest.approx(shapes.PIECE_HEIGHT)
-    assert mesh.bounds[0][2] == pytest.approx(0)
-    assert 0.045 < max(mesh.extents[:2]) < 0.08
-
-
-def test_twenty_different_pieces():
-    assert len(set(shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES)) == 20
+def test_twenty_different_pieces_are_solid_and_of_one_size():
+    names = shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES
+    assert len(set(names)) == 20
+    for name in names:
+        mesh = shapes.piece_mesh(name)
+        assert mesh.is_watertight and mesh.volume > 0
+        assert mesh.extents[2] == pytest.approx(shapes.PIECE_HEIGHT)
+        assert mesh.bounds[0][2] == pytest.approx(0)
+        assert 0.045 < max(mesh.extents[:2]) < 0.08
     assert not shapes.outline("ring").contains(shapely.Point(0, 0))
-
-
-def test_unknown_outline_names_the_known_ones():
     with pytest.raises(ValueError, match=r"'banana'.*letter R shape.*hexagon"):
         shapes.outline("banana")

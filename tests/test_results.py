@@ -19,118 +19,101 @@ from gem_lite.simulation import looks
 from gem_lite.simulation.world import World
 
 TASK = "put-block-in-bowl-seen-colors"
-
 FACTS = {"world": "home", "split": "test", "start": 0, **results.policy_entries(None, LITE)}
 FACTS |= {"demos": 10, "seed": 0, "steps": LITE.steps, "checkpoint_sha256": "a", "train_cpu_seconds": 100.0}
+REWARDS = np.random.default_rng(0).random((3, 40)) < np.array([[0.9], [0.8], [0.4]])
 
 
-def row_of(rewards, task=TASK, **facts):
+def row_of(rewards, **facts):
     found = [Episode(i, float(value), 1, ()) for i, value in enumerate(rewards)]
-    return result_row("gem", task, found, "all", FACTS | facts)
+    return result_row("gem", TASK, found, "all", FACTS | facts)
 
 
-def file(*rows):
-    results.file_rows(rows, results.RESULTS / "rows.jsonl")
-
-
-def score(**required):
+def score(path, **required):
     """The stored rows of GEM on `TASK` with these entries, as one score."""
-    rows = results.read_rows(results.RESULTS / "rows.jsonl")
-    return summaries.pool(
-        summaries.select(rows, {"method": "gem", "task": TASK} | required, ("demos", "steps", "world"))
-    )
+    required = {"method": "gem", "task": TASK} | required
+    return summaries.pool(summaries.select(results.read_rows(path), required, ("demos", "steps", "world")))
 
 
 @pytest.fixture
-def stored(tmp_path, monkeypatch):
-    """Three training seeds of 40 episodes each, as rows in a folder of their own."""
-    monkeypatch.setattr(results, "RESULTS", tmp_path)
-    rng = np.random.default_rng(0)
-    rewards = rng.random((3, 40)) < np.array([[0.9], [0.8], [0.4]])
-    for seed, values in enumerate(rewards):
-        file(row_of(values, seed=seed, checkpoint_sha256=f"sha-{seed}", train_cpu_seconds=100.0 + seed))
-    return rewards
+def path(tmp_path):
+    """A file of rows: three training seeds of 40 episodes each."""
+    path = tmp_path / "rows.jsonl"
+    for seed, values in enumerate(REWARDS):
+        row = row_of(values, seed=seed, checkpoint_sha256=f"sha-{seed}", train_cpu_seconds=100.0 + seed)
+        results.file_rows([row], path)
+    return path
 
 
-def test_a_cell_pools_the_training_seeds(stored):
-    found = score()
-    assert np.array_equal(found.rewards, stored)
-    assert found.mean == pytest.approx(100 * stored.mean(), abs=0.05)
-    assert found.interval == mean_and_interval(stored)[1]
-    assert found.cpu_seconds == 101.0
-    assert found.episodes == tuple(range(40))
-    assert score(seed=1).rewards.shape == (1, 40)
+def test_a_cell_pools_the_training_seeds(path):
+    found = score(path)
+    assert np.array_equal(found.rewards, REWARDS)
+    assert found.mean == pytest.approx(100 * REWARDS.mean(), abs=0.05)
+    assert found.interval == mean_and_interval(REWARDS)[1]
+    assert (found.cpu_seconds, found.episodes) == (101.0, tuple(range(40)))
+    assert score(path, seed=1).rewards.shape == (1, 40)
 
 
-def test_a_cell_that_is_not_there_says_what_is(stored):
-    with pytest.raises(LookupError, match=r"no row with .*steps 300\. There are: .*steps 1500, world home"):
-        score(steps=300)
-    with pytest.raises(LookupError, match=r"no row with method cliport.* There are: demos 10"):
-        score(method="cliport")
-    with pytest.raises(LookupError, match="There are: none of this task"):
-        score(task="bars-in-box")
+@pytest.mark.parametrize(
+    ("required", "said"),
+    [
+        ({"steps": 300}, r"no row with .*steps 300\. There are: .*steps 1500, world home"),
+        ({"method": "cliport"}, r"no row with method cliport.* There are: demos 10"),
+        ({"task": "bars-in-box"}, "There are: none of this task"),
+    ],
+)
+def test_a_cell_that_is_not_there_says_what_is(path, required, said):
+    with pytest.raises(LookupError, match=said):
+        score(path, **required)
 
 
-def test_rows_that_differ_in_more_than_the_seed_are_no_cell(stored):
-    file(row_of(np.ones(40), seed=3, config_hash="other"))
-    with pytest.raises(LookupError, match=f"differ in config_hash: {LITE.digest}, other; ask for one"):
-        score()
-    assert score(config_hash=LITE.digest).rewards.shape == (3, 40)
-    assert score(config_hash="other").mean == 100.0
+@pytest.mark.parametrize(
+    ("added", "said"),
+    [
+        ({"seed": 3, "config_hash": "other"}, f"differ in config_hash: {LITE.digest}, other; ask for one"),
+        (
+            {"seed": 0, "checkpoint_sha256": "trained-again"},
+            r"same training seed, of .* sha-0, sha-1, sha-2, trained-a",
+        ),
+        ({"seed": 3, "rewards": {"0": 1.0}}, "different episodes"),
+    ],
+)
+def test_rows_that_do_not_belong_together_are_no_cell(path, added, said):
+    results.file_rows([row_of(np.ones(40)) | added], path)
+    with pytest.raises(LookupError, match=said):
+        score(path)
 
 
-def test_two_trainings_with_one_seed_are_no_two_seeds(stored):
-    file(row_of(np.ones(40), seed=0, checkpoint_sha256="trained-again"))
-    with pytest.raises(LookupError, match=r"same training seed, of the checkpoints sha-0, sha-1, sha-2, trained-agai"):
-        score()
-
-
-def test_rows_of_unlike_episodes_are_no_cell(stored):
-    path = results.RESULTS / "rows.jsonl"
-    rows = results.read_rows(path)
-    rows[0]["rewards"].pop("3")
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    with pytest.raises(LookupError, match="different episodes"):
-        score()
-
-
-@pytest.mark.parametrize("name", results.IDENTITY)
-def test_everything_that_changes_a_row_names_it(stored, name):
-    path = results.RESULTS / "rows.jsonl"
-    before = results.read_rows(path)
+def test_everything_that_changes_a_row_names_it(path):
     same = row_of(np.ones(40), checkpoint_sha256="sha-0")
-    results.file_rows([same | {name: [7] if name == "skipped" else "another"}], path)
-    assert results.read_rows(path)[:-1] == before
+    for count, name in enumerate(results.IDENTITY, start=1):
+        before = results.read_rows(path)
+        results.file_rows([same | {name: [7] if name == "skipped" else "another"}], path)
+        assert results.read_rows(path)[:-1] == before and len(before) == 2 + count
     results.file_rows([same], path)
     assert len(results.read_rows(path)) == len(before) + 1
 
 
-def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kind(stored):
-    path = results.RESULTS / "rows.jsonl"
+def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kind(path):
     before = path.read_bytes()
     same = {"seed": 1, "checkpoint_sha256": "sha-1"}
     with pytest.raises(ValueError, match=r"holds a row over 40 episodes \(method gem, .*seed 1, .*over 39 does not"):
-        file(row_of(np.ones(3), seed=7), row_of(np.ones(39), **same))
-    assert path.read_bytes() == before  # nothing of the two was written
-    old_kind = row_of(np.ones(100), **same)
-    del old_kind["world"], old_kind["config_hash"]
-    with pytest.raises(ValueError, match=r"lacks world, config_hash: measure it again"):
-        file(old_kind)
+        results.file_rows([row_of(np.ones(3), seed=7), row_of(np.ones(39), **same)], path)
+    old_kind = {name: value for name, value in row_of(np.ones(100), **same).items() if name not in ("world", "config")}
+    with pytest.raises(ValueError, match=r"lacks world, config: measure it again"):
+        results.file_rows([old_kind], path)
     assert path.read_bytes() == before
-    file(row_of(np.zeros(40), **same))
-    assert score(seed=1).mean == 0.0
-    file(row_of(np.ones(41), **same))
-    assert score(seed=1).rewards.shape == (1, 41)
-    assert len(results.read_rows(path)) == 3
+    results.file_rows([row_of(np.zeros(40), **same)], path)
+    assert score(path, seed=1).mean == 0.0
+    results.file_rows([row_of(np.ones(41), **same)], path)
+    assert score(path, seed=1).rewards.shape == (1, 41) and len(results.read_rows(path)) == 3
 
 
-def test_a_row_that_names_no_skipped_episodes_skipped_none(stored):
-    path = results.RESULTS / "rows.jsonl"
+def test_a_row_that_names_no_skipped_episodes_skipped_none(path):
     older = [{name: value for name, value in row.items() if name != "skipped"} for row in results.read_rows(path)]
     path.write_text("".join(json.dumps(row) + "\n" for row in older))
-    file(row_of(np.ones(40), seed=0, checkpoint_sha256="sha-0"))
-    assert len(results.read_rows(path)) == len(older)
-    assert score().rewards.shape == (3, 40)
+    results.file_rows([row_of(np.ones(40), seed=0, checkpoint_sha256="sha-0")], path)
+    assert score(path).rewards.shape == (3, 40) and len(results.read_rows(path)) == 3
     path.write_text(json.dumps(older[0] | {"skipped": "some"}))
     with pytest.raises(ValueError, match="is no row: see its skipped"):
         results.read_rows(path)
@@ -148,21 +131,21 @@ def test_rows_of_two_writers_all_stay(tmp_path):
     assert {row["seed"] for row in results.read_rows(path)} == set(range(80))
 
 
-def test_a_file_that_cannot_be_written_is_named_before_and_the_rows_are_printed_after(stored, monkeypatch, capsys):
+def test_a_file_that_cannot_be_written_is_named_before_and_the_rows_are_printed_after(path, monkeypatch, capsys):
     row = row_of(np.ones(40))
-    blocked = results.RESULTS / "rows.jsonl" / "rows.jsonl"  # its folder is a file
+    blocked = path / "rows.jsonl"  # its folder is a file
     with pytest.raises(OSError, match=rf"{blocked} cannot be written: "):
         results.check_rows([row], blocked)
-    path = results.RESULTS / "other.jsonl"
-    results.check_rows([row], path)
-    assert not path.exists()
+    other = path.with_name("other.jsonl")
+    results.check_rows([row], other)
+    assert not other.exists()
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(results, "write_atomically", full)
-    with pytest.raises(OSError, match=rf"{path} cannot be written, its rows are printed instead: .*No space left"):
-        results.file_rows([row], path)
+    with pytest.raises(OSError, match=rf"{other} cannot be written, its rows are printed instead: .*No space left"):
+        results.file_rows([row], other)
     assert json.loads(capsys.readouterr().out) == row
 
 
@@ -173,77 +156,76 @@ def test_a_row_tells_under_which_rules_a_policy_acted():
     assert results.is_outdated(learned) and not results.is_outdated({"clip_fingerprint": None})
 
 
-def test_stored_rows_are_complete():
-    rows = [row for path in results.RESULTS.glob("**/*.jsonl") for row in results.read_rows(path)]
-    assert len(rows) > 70
-    for row in rows:
-        assert {"world", "config", "config_hash", "clip", "clip_fingerprint", "episodes", "date"} <= row.keys()
-        assert row["config_hash"] or row["method"] == "expert"
-    of_policies = [row for row in rows if "method" in row]  # the pointing game's have other keys
-    for row in of_policies:
-        identity = table_poses.IDENTITY if "poses" in row else results.IDENTITY
-        assert {*identity, "demonstrations_world"} - {"skipped"} <= row.keys()
-        assert row["episodes"] == len(row["rewards"])
-        rewards = list(row["rewards"].values())
-        assert row["mean"] == pytest.approx(100 * np.mean(rewards), abs=0.06)  # rewards and mean are rounded
-        _, interval = mean_and_interval(rewards)
-        assert row["ci95"] == pytest.approx(interval, abs=0.11) and row["interval"] == statistics.INTERVAL
-        learned = row["method"] not in (*actors.SCRIPTED, pointing.METHOD)
-        assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
-
-
-def test_no_two_stored_rows_have_one_name():
+def test_stored_rows_are_complete_and_no_two_have_one_name():
+    count = 0
     for path in results.RESULTS.glob("**/*.jsonl"):
-        identity = {"pointing": pointing.IDENTITY, "object-sorting": table_poses.IDENTITY}
-        names = [
-            tuple(str(row.get(key)) for key in identity.get(path.stem, results.IDENTITY))
-            for row in results.read_rows(path)
-        ]
-        assert len(set(names)) == len(names)
+        special = {"pointing": pointing.IDENTITY, "object-sorting": table_poses.IDENTITY}
+        identity = special.get(path.stem, results.IDENTITY)
+        rows = results.read_rows(path)
+        count += len(rows)
+        assert len({str([row.get(name) for name in identity]) for row in rows}) == len(rows)
+        for row in rows:
+            assert {"world", "config", "config_hash", "clip", "clip_fingerprint", "episodes", "date"} <= row.keys()
+            assert row["config_hash"] or row["method"] == "expert"
+            if path.stem == "pointing":
+                continue
+            assert {*identity, "demonstrations_world"} - {"skipped"} <= row.keys()
+            assert row["episodes"] == len(row["rewards"])
+            rewards = list(row["rewards"].values())
+            assert row["mean"] == pytest.approx(100 * np.mean(rewards), abs=0.06)  # rewards and mean are rounded
+            assert row["ci95"] == pytest.approx(mean_and_interval(rewards)[1], abs=0.11)
+            assert row["interval"] == statistics.INTERVAL
+            learned = row["method"] not in (*actors.SCRIPTED, pointing.METHOD)
+            assert learned == bool(row["demos"] and row["clip_fingerprint"] and row["checkpoint_sha256"])
+    assert count > 70
 
 
-def test_pairs_are_of_the_same_episodes(stored):
-    one = score()
-    found = summaries.paired_difference(one, score(seed=2))
-    assert found == statistics.paired_difference(stored, stored[2]) and found.seeds == (3, 1)
-    file(row_of(np.ones(50), task="put-block-in-bowl-unseen-colors"))
-    row = results.read_rows(results.RESULTS / "rows.jsonl")[-1]
-    moved = row | {"rewards": {str(int(index) + 10): reward for index, reward in row["rewards"].items()}}
-    for other in (row, moved):
-        # As many episodes, or not, they are not the same ones.
+def test_pairs_are_of_the_same_episodes(path):
+    one = score(path)
+    found = summaries.paired_difference(one, score(path, seed=2))
+    assert found == statistics.paired_difference(REWARDS, REWARDS[2]) and found.seeds == (3, 1)
+    rewards = {str(index + 10): 1.0 for index in range(40)}
+    for other in (row_of(np.ones(50)), row_of(np.ones(40)) | {"rewards": rewards}):  # as many episodes, or not
         with pytest.raises(ValueError, match=r"same episodes, got 40 episodes \(0 to 39\) and"):
             summaries.paired_difference(one, summaries.pool([other]))
 
 
-def judged(done: PickPlace, found: tuple[str, str], grasped: bool = True) -> str:
-    right = ExpertAction(PickPlace(Pose2(0.5, 0.0, 0.0), Pose2(0.6, 0.0, 0.0)), np.pi / 2, 2 * np.pi)
-    choice = Choice("", None, None, None, None, (0, 0, 0), (0, 0, 0), done)
-    return failures.reason(choice, right, ("red block", "green bowl"), found, grasped)
+# Why an action failed
+
+RIGHT = ExpertAction(PickPlace(Pose2(0.5, 0.0, 0.0), Pose2(0.6, 0.0, 0.0)), np.pi / 2, 2 * np.pi)
+OFF = PickPlace(Pose2(0.5, 0.0, np.radians(100)), Pose2(0.6, 0.02, np.radians(130)))
+RIGHT_PUSH = ExpertAction(Push(Pose2(0.5, 0.01), Pose2(0.6, 0.03)), 0.0, 0.0)
 
 
-def test_reasons_name_the_first_cause():
-    off = PickPlace(Pose2(0.5, 0.0, np.radians(100)), Pose2(0.6, 0.02, np.radians(130)))
-    assert judged(off, ("blue block", "table"), False) == "picked the blue block, not the red block"
-    assert judged(off, ("red block", "table"), False) == "grasped nothing of the red block, 10° off"
-    assert judged(off, ("red block", "table")) == "placed on the table, not on the green bowl"
-    assert judged(off, ("red block", "green bowl")) == "placed 20 mm and 30° off"
+def chosen(action, sentence=""):
+    return Choice(sentence, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
+
+
+@pytest.mark.parametrize(
+    ("found", "grasped", "reason"),
+    [
+        (("blue block", "table"), False, "picked the blue block, not the red block"),
+        (("red block", "table"), False, "grasped nothing of the red block, 10° off"),
+        (("red block", "table"), True, "placed on the table, not on the green bowl"),
+        (("red block", "green bowl"), True, "placed 20 mm and 30° off"),
+    ],
+)
+def test_reasons_name_the_first_cause(found, grasped, reason):
+    assert failures.reason(chosen(OFF), RIGHT, ("red block", "green bowl"), found, grasped) == reason
 
 
 def test_a_push_is_compared_with_the_experts():
-    done = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
-    right = ExpertAction(Push(Pose2(0.5, 0.01), Pose2(0.6, 0.03)), 0.0, 0.0)
-    choice = Choice("", None, None, None, None, (0, 0, 0), (0, 0, 0), done)
-    reason = failures.reason(choice, right, ("pile", "table"), ("pile", "table"), False)
+    done = chosen(Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0)))
+    reason = failures.reason(done, RIGHT_PUSH, ("pile", "table"), ("pile", "table"), False)
     assert reason == "began 10 mm and ended 30 mm from the expert's push"
 
 
-def test_thing_at_names_what_lies_on_top(world):
+def test_thing_at_names_what_lies_on_top(blind):
     task = tasks.make(TASK, "val")
-    world.reset(task, tasks.episode_seed("val", 0))
-    for body in world.bodies:
-        pose, _ = world.pose(body)
-        assert failures.thing_at(world, pose) == task.names[body.id]
-    assert failures.thing_at(world, Pose2(world.workspace.x_min, world.workspace.y_min)) == "table"
+    blind.reset(task, tasks.episode_seed("val", 0))
+    for body in blind.bodies:
+        assert failures.thing_at(blind, blind.pose(body)[0]) == task.names[body.id]
+    assert failures.thing_at(blind, Pose2(blind.workspace.x_min, blind.workspace.y_min)) == "table"
 
 
 def test_a_reason_names_what_the_tool_lifted():
@@ -251,8 +233,7 @@ def test_a_reason_names_what_the_tool_lifted():
 
     class Stubborn:
         def decide(self, observation, instruction, empty_picks):
-            action = PickPlace(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54))
-            return Choice(instruction, None, None, None, None, (0, 0, 0), (0, 0, 0), action)
+            return chosen(PickPlace(Pose2(0.684375, -0.346875, 1.92), Pose2(0.653125, -0.253125, 4.54)), instruction)
 
     with World(style=looks.style("touching")) as touching:
         failure = failures.first_failure(touching, Stubborn(), TASK, 24)

@@ -54,17 +54,18 @@ def test_a_mean_counts_every_task_once_and_layouts_of_a_family_as_one():
     mean, (low, high) = summaries.mean_over_tasks({SEEN: score(ones), UNSEEN: score(halves), ROPE: score([0.5] * 10)})
     assert mean == 66.7 and low < mean < high
     # Rewards that fail in the same layouts tell less than those that fail in different ones, or in two families.
-    together = summaries.mean_over_tasks({SEEN: score(halves), UNSEEN: score(halves)})
-    apart = summaries.mean_over_tasks({SEEN: score(halves), UNSEEN: score(halves[::-1])})
-    families = summaries.mean_over_tasks({SEEN: score(halves), ROPE: score(halves)})
-    assert together == statistics.mean_and_interval(halves)
-    assert apart == statistics.mean_and_interval([0.5] * 10)
-    assert families == statistics.mean_and_interval(halves * 2)
-    # The same, where the variants skipped other episodes: the first five are shared.
-    moved = score(halves, [0, 1, 2, 3, 4, 10, 11, 12, 13, 14])
-    assert summaries.mean_over_tasks({SEEN: score(halves), UNSEEN: moved}) == together
-    shifted = score(halves, range(5, 15))
-    assert summaries.mean_over_tasks({SEEN: score(halves), UNSEEN: shifted}) == apart
+    together, apart = statistics.mean_and_interval(halves), statistics.mean_and_interval([0.5] * 10)
+    assert summaries.mean_over_tasks({SEEN: score(halves), ROPE: score(halves)}) == statistics.mean_and_interval(
+        halves * 2
+    )
+    for other, expected in (
+        (score(halves), together),
+        (score(halves[::-1]), apart),
+        # The variants skipped other episodes: the first five are shared, and the last five.
+        (score(halves, [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]), together),
+        (score(halves, range(5, 15)), apart),
+    ):
+        assert summaries.mean_over_tasks({SEEN: score(halves), UNSEEN: other}) == expected
 
 
 def test_a_mean_difference_is_paired_and_may_be_negative():
@@ -78,39 +79,43 @@ def test_a_mean_difference_is_paired_and_may_be_negative():
     assert same.mean == 0 and same.interval[1] < 7 and same.interval[1] == pytest.approx(-same.interval[0], abs=0.2)
     one = summaries.mean_difference({ROPE: first[ROPE]}, second)
     assert one.interval == pytest.approx(summaries.paired_difference(first[ROPE], second[ROPE]).interval, abs=0.2)
-    with pytest.raises(ValueError, match="second must hold the tasks of first, at least one, got none of align-rope"):
-        summaries.mean_difference({ROPE: first[ROPE]}, {})
-    with pytest.raises(ValueError, match=f"of the same episodes of {ROPE}"):
-        summaries.mean_difference({ROPE: first[ROPE]}, {ROPE: score([1.0] * 50)})
 
 
-def test_training_seeds_widen_a_mean_and_must_be_as_many():
+def test_training_seeds_widen_a_mean():
     rng = np.random.default_rng(2)
-    chances = np.array([[0.9], [0.6], [0.3]])
-    spread = {task: score(rng.random((3, 40)) < chances) for task in (SEEN, ROPE)}
-    level = {task: score(rng.random((3, 40)) < 0.6) for task in (SEEN, ROPE)}
     widths = []
-    for scores in (spread, level):
-        _, (low, high) = summaries.mean_over_tasks(scores)
+    for chances in (np.array([[0.9], [0.6], [0.3]]), 0.6):
+        of_tasks = {task: score(rng.random((3, 40)) < chances) for task in (SEEN, ROPE)}
+        _, (low, high) = summaries.mean_over_tasks(of_tasks)
         widths.append(high - low)
     assert widths[0] > 3 * widths[1]
-    with pytest.raises(ValueError, match="must have the same number of training seeds"):
-        summaries.mean_over_tasks({SEEN: spread[SEEN], ROPE: score([1.0])})
 
 
 def test_what_makes_no_mean_is_refused():
-    with pytest.raises(ValueError, match="at least one task"):
-        summaries.mean_over_tasks({})
-    with pytest.raises(ValueError, match=r"put-block-in-bowl must have the same number of episodes, got \[1, 2\]"):
-        summaries.mean_over_tasks({SEEN: score([1.0]), UNSEEN: score([1.0, 1.0])})
-    with pytest.raises(ValueError, match="no task is named 'elsewhere'"):
-        summaries.mean_over_tasks({"elsewhere": score([1.0])})
+    one, two = score([1.0]), score([1.0, 1.0])
+    for of_tasks, said in (
+        ({}, "at least one task"),
+        ({SEEN: one, UNSEEN: two}, r"put-block-in-bowl must have the same number of episodes, got \[1, 2\]"),
+        ({"elsewhere": one}, "no task is named 'elsewhere'"),
+        ({SEEN: score([[1.0], [1.0]]), ROPE: one}, "must have the same number of training seeds"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            summaries.mean_over_tasks(of_tasks)
+    for second, said in (
+        ({}, "second must hold the tasks of first, at least one, got none of align-rope"),
+        ({ROPE: two}, f"of the same episodes of {ROPE}"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            summaries.mean_difference({ROPE: one}, second)
 
 
 FAMILIES = (("assembling-kits-seq-seen-colors", "assembling-kits-seq-unseen-colors"), (SEEN, UNSEEN), (PILES,), (ROPE,))
 REPEATS = 600
 ALLOWED = 0.025 + 2.5 * math.sqrt(0.025 * 0.975 / REPEATS)
 """The share of the simulations in which the truth may lie beyond one end: 2.5 %, and what chance adds."""
+TASKS = [task for family in FAMILIES for task in family]
+CEILING = dict.fromkeys(TASKS, 0.985)
+MIXED = dict(zip(TASKS, (0.99, 0.98, 0.6, 0.3, 0.99, 0.95), strict=True))
 
 
 def drawn(rng, chances, parts, shared, episodes=20):
@@ -136,54 +141,28 @@ def truth(chances, parts):
     return 100 * np.mean([chance + (1 - chance) * (parts - 1) / (2 * parts) for chance in chances.values()])
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Simulations need no sharp quantiles, and no interval of each task."""
+@pytest.mark.parametrize(
+    ("chances", "worse", "parts", "shared"),
+    [(CEILING, None, 1, 0.0), (CEILING, None, 1, 0.86), (CEILING, None, 5, 0.86), (MIXED, None, 5, 0.86),
+     (CEILING, CEILING, 5, 0.86), (CEILING, MIXED, 1, 0.86)],
+)  # fmt: skip
+def test_neither_end_of_a_mean_or_of_a_difference_is_passed_too_often(monkeypatch, chances, worse, parts, shared):
+    # Simulations need no sharp quantiles, and no interval of each task.
     monkeypatch.setattr(statistics, "DRAWS", 1000)
     monkeypatch.setattr(statistics, "mean_and_interval", lambda _: (0.0, (0.0, 0.0)))
-
-
-TASKS = [task for family in FAMILIES for task in family]
-CEILING = dict.fromkeys(TASKS, 0.985)
-MIXED = dict(zip(TASKS, (0.99, 0.98, 0.6, 0.3, 0.99, 0.95), strict=True))
-
-
-@pytest.mark.parametrize(
-    ("chances", "parts", "shared"), [(CEILING, 1, 0.0), (CEILING, 1, 0.86), (CEILING, 5, 0.86), (MIXED, 5, 0.86)]
-)
-def test_neither_end_of_a_mean_is_passed_too_often(quick, chances, parts, shared):
-    rng = np.random.default_rng(0)
-    found = [summaries.mean_over_tasks(drawn(rng, chances, parts, shared)) for _ in range(REPEATS)]
-    means = np.array([mean for mean, _ in found])
-    ends = np.array([interval for _, interval in found])
-    true = truth(chances, parts)
-    assert means.mean() == pytest.approx(true, abs=0.5)
-    assert np.mean(ends[:, 0] > true + 0.05) <= ALLOWED
-    assert np.mean(ends[:, 1] < true - 0.05) <= ALLOWED
-
-
-@pytest.mark.parametrize(("worse", "parts", "shared"), [(CEILING, 5, 0.86), (MIXED, 1, 0.86)])
-def test_neither_end_of_a_mean_difference_is_passed_too_often(quick, worse, parts, shared):
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(0 if worse is None else 1)
+    true = truth(chances, parts) - (truth(worse, parts) if worse else 0)
     found = []
     for _ in range(REPEATS):
-        one, other = (drawn(rng, chances, parts, shared) for chances in (CEILING, worse))
-        found.append(summaries.mean_difference(one, other).interval)
-    true = truth(CEILING, parts) - truth(worse, parts)
-    assert np.mean([low > true + 0.05 for low, _ in found]) <= ALLOWED
-    assert np.mean([high < true - 0.05 for _, high in found]) <= ALLOWED
-
-
-def test_adding_up_the_tasks_own_intervals_would_pass_the_upper_end_too_often(monkeypatch):
-    # The check above is one that can fail: what we had before, for rewards of 0 and 1 near 100.
-    monkeypatch.setattr(statistics, "DRAWS", 1000)
-    rng = np.random.default_rng(0)
-    passed = 0
-    for _ in range(500):
-        scores = drawn(rng, CEILING, 1, 0.86).values()
-        above = math.hypot(*(score.interval[1] - score.mean for score in scores)) / len(scores)
-        passed += np.mean([score.mean for score in scores]) + above < 98.5
-    assert passed / 500 > 0.06
+        scores = drawn(rng, chances, parts, shared)
+        if worse is None:
+            found.append(summaries.mean_over_tasks(scores))
+        else:
+            difference = summaries.mean_difference(scores, drawn(rng, worse, parts, shared))
+            found.append((difference.mean, difference.interval))
+    assert np.mean([mean for mean, _ in found]) == pytest.approx(true, abs=0.5)
+    assert np.mean([low > true + 0.05 for _, (low, _) in found]) <= ALLOWED
+    assert np.mean([high < true - 0.05 for _, (_, high) in found]) <= ALLOWED
 
 
 def layout(world, task, index):
@@ -193,12 +172,14 @@ def layout(world, task, index):
     return {(round(pose.x, 4), round(pose.y, 4)) for pose in poses}
 
 
-def test_variants_of_a_family_share_layouts_and_families_do_not(world):
+def test_variants_of_a_family_are_paired_and_share_layouts_and_families_do_not(world):
+    pairs = whole_benchmark.seen_and_unseen(tasks.PAPER)
+    assert len(pairs) == 8  # align-rope and packing-shapes-unseen have no partner
+    assert {(SEEN, UNSEEN), ("packing-google-objects-seq-seen", "packing-google-objects-seq-unseen")} < set(pairs)
+    assert all(tasks.family(seen) == tasks.family(unseen) for seen, unseen in pairs)
     layouts = {task: layout(world, task, 3) for task in tasks.PAPER}
     same = {pair for pair in itertools.combinations(tasks.PAPER, 2) if layouts[pair[0]] == layouts[pair[1]]}
-    pairs = whole_benchmark.seen_and_unseen(tasks.PAPER)
     assert same == {pair for pair in pairs if "google" not in pair[0]} and len(same) == 6
-    assert all(tasks.family(seen) == tasks.family(unseen) for seen, unseen in pairs)
     # The everyday objects of both variants are others, around a box that is the same.
     assert all(layouts[seen] & layouts[unseen] for seen, unseen in pairs)
 
@@ -223,42 +204,18 @@ def test_every_row_finds_its_table():
     }  # fmt: skip
 
 
-def test_seen_and_unseen_are_paired():
-    pairs = whole_benchmark.seen_and_unseen(tasks.PAPER)
-    assert len(pairs) == 8  # align-rope and packing-shapes-unseen have no partner
-    assert ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors") in pairs
-    assert ("packing-google-objects-seq-seen", "packing-google-objects-seq-unseen") in pairs
-
-
 def test_a_rival_is_better_if_its_paired_difference_is_wholly_above():
-    own = summaries.scores([row("gem", "a", [0.0] * 20 + [1.0] * 10)], "gem", 10)["a"]
-    rivals = {
-        "better": summaries.scores([row("x", "a", [1.0] * 30)], "x", 10)["a"],
-        "same": own,
-        "a little": summaries.scores([row("y", "a", [0.0] * 19 + [1.0] * 11)], "y", 10)["a"],
-    }
+    own = score([0.0] * 20 + [1.0] * 10)
+    rivals = {"better": score([1.0] * 30), "same": own, "a little": score([0.0] * 19 + [1.0] * 11)}
     assert whole_benchmark.better_rivals(own, rivals) == ["better"]
 
 
 def test_leads_are_marks_that_are_filled_where_the_interval_is_clear_of_0():
-    rows = [row("gem", "clear", [1.0] * 20), row("x", "clear", [0.0] * 20)]
-    rows += [row("gem", "unclear", [1.0, 0.0] * 10), row("x", "unclear", [0.0, 1.0] * 10)]
-    own, rival = (summaries.scores(rows, name, demos=10) for name in ("gem", "x"))
-    leads = {task: summaries.paired_difference(own[task], rival[task]) for task in own}
-    figure = plot_scores.show_leads({"x": leads, "itself": {"clear": leads["unclear"]}}, "gem minus it")
+    clear = summaries.paired_difference(score([1.0] * 20), score([0.0] * 20))
+    unclear = summaries.paired_difference(score([1.0, 0.0] * 10), score([0.0, 1.0] * 10))
+    figure = plot_scores.show_leads({"x": {"clear": clear, "unclear": unclear}, "itself": {"clear": unclear}}, "minus")
     marks = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 1 and line.get_marker() in "os"]
     assert [mark.get_xdata()[0] for mark in marks if mark.get_xdata()[0] is not None] == [100, 0, 0]
     assert [mark.get_markerfacecolor() == "white" for mark in marks] == [False, True, True]
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["clear", "unclear"]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["x", "itself"]
-    assert figure.axes[0].get_xlabel() == "gem minus it"
-    plt.close(figure)
-
-
-def test_seen_beside_unseen_has_a_panel_for_each_method_and_its_mean():
-    panels = {"gem": {"a": (100.0, 90.0), "b": (80.0, 50.0)}, "x": {"a": (60.0, 10.0)}}
-    figure = plot_scores.show_seen_unseen(panels)
-    assert [axes.get_title() for axes in figure.axes] == ["gem\n2 pairs of tasks", "x\n1 pairs of tasks"]
-    thick = [line.get_ydata().tolist() for axes in figure.axes for line in axes.lines if line.get_linewidth() == 3]
-    assert thick == [[90, 70], [60, 10]]
     plt.close(figure)

@@ -46,11 +46,12 @@ print(clip.DATA, visible, policy.act(step.observation, step.instruction), sep="\
 """
 
 
-def imported(paths: list[Path]) -> set[str]:
-    """The names of all top-level modules that Python files import."""
+def imported(module: str) -> set[str]:
+    """The names of the modules from outside that a module or a package of the library imports."""
+    path = ROOT.joinpath(*module.split("."))
     modules = set()
-    for path in paths:
-        for node in ast.walk(ast.parse(path.read_text())):
+    for file in path.rglob("*.py") if path.is_dir() else [path.with_suffix(".py")]:
+        for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Import):
                 modules |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
@@ -68,26 +69,20 @@ def group(name: str) -> list[Requirement]:
 
 def closure(requirements: list[Requirement]) -> set[str]:
     """The names of all distributions that ``requirements`` bring along here."""
-    names: set[str] = set()
+    done: set[tuple[str, ...]] = set()
     waiting = list(requirements)
-    done = set()
     while waiting:
         requirement = waiting.pop()
         extras = {"", *requirement.extras}
-        if (requirement.name, *sorted(extras)) in done:
+        key = (canonicalize_name(requirement.name), *sorted(extras))
+        if key in done:
             continue
-        done.add((requirement.name, *sorted(extras)))
-        names.add(canonicalize_name(requirement.name))
+        done.add(key)
         for line in metadata.requires(requirement.name) or []:
             further = Requirement(line)
             if further.marker is None or any(further.marker.evaluate({"extra": extra}) for extra in extras):
                 waiting.append(further)
-    return names
-
-
-def files_of(module: str) -> list[Path]:
-    path = ROOT.joinpath(*module.split("."))
-    return list(path.rglob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
+    return {name for name, *_ in done}
 
 
 def parts() -> list[tuple[str, str]]:
@@ -97,39 +92,27 @@ def parts() -> list[tuple[str, str]]:
     return [(name, GROUP_OF.get(name, "core" if name in ROBOT else "sim")) for name in names]
 
 
-@pytest.mark.parametrize(("module", "needs"), parts())
-def test_what_a_part_imports_is_in_its_group(module, needs):
-    providers = metadata.packages_distributions()
-    declared = {canonicalize_name(requirement.name) for requirement in group(needs)}
-    missing = {
-        name for name in imported(files_of(module)) if not declared & set(map(canonicalize_name, providers[name]))
+def test_what_the_library_imports_is_declared_and_what_is_declared_is_imported():
+    providers = {
+        module: {canonicalize_name(name) for name in names}
+        for module, names in metadata.packages_distributions().items()
     }
-    assert missing == set()
-
-
-def test_what_is_declared_is_imported_or_said_to_be_brought_along():
+    for module, needs in parts():
+        declared = {canonicalize_name(requirement.name) for requirement in group(needs)}
+        assert {name for name in imported(module) if not declared & providers[name]} == set(), (module, needs)
     declared = {canonicalize_name(requirement.name) for requirement in group("sim")}
-    providers = metadata.packages_distributions()
-    used = {canonicalize_name(name) for module in imported(files_of("gem_lite")) for name in providers[module]}
-    assert declared - used <= {"mapbox-earcut", "typing-extensions"}
+    brought_along = {"mapbox-earcut", "typing-extensions"}
+    assert declared - set().union(*(providers[name] for name in imported("gem_lite"))) <= brought_along
 
 
-def test_environment_pins_all_that_the_tests_and_the_demo_install():
+def test_environment_pins_all_that_the_tests_and_the_demo_install_and_the_group_all_holds_every_group():
     lines = (ROOT / "environment.txt").read_text().splitlines()
     pinned = {canonicalize_name(line.partition("==")[0]) for line in lines if "==" in line}
     needed = closure([requirement for name in ("demo", "notebooks", "dev") for requirement in group(name)])
     assert len(needed) > 100
     assert needed - pinned == set()
-
-
-def test_the_group_all_holds_every_group():
     everything = {str(requirement) for requirement in group("all")}
     assert everything >= {str(requirement) for name in GROUPS for requirement in group(name)}
-
-
-def test_every_package_is_in_the_wheel():
-    folders = {path.parent.relative_to(ROOT) for path in (ROOT / "gem_lite").rglob("__init__.py")}
-    assert set(PROJECT["tool"]["setuptools"]["packages"]) == {".".join(f.parts) for f in folders} | {"gem_lite_data"}
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +168,9 @@ def test_an_installed_wheel_with_the_core_group_alone_acts(installed, tmp_path):
     assert action == str(here)
 
 
-def test_the_wheel_names_its_dependencies(installed):
+def test_the_wheel_has_every_package_and_names_its_dependencies(installed):
+    folders = {path.parent.relative_to(ROOT) for path in (ROOT / "gem_lite").rglob("__init__.py")}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == {".".join(f.parts) for f in folders} | {"gem_lite_data"}
     (folder,) = installed.glob("gem_lite-*.dist-info")
     wheel = metadata.PathDistribution(folder)
     required = [Requirement(line) for line in wheel.requires]
@@ -196,8 +181,7 @@ def test_the_wheel_names_its_dependencies(installed):
 
 def test_the_checkouts_data_comes_first(tmp_path):
     assert clip.DATA == ROOT / "data"
-    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
-    (tmp_path / "data").mkdir()  # of another package
-    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "gem_lite_data"
-    (tmp_path / "data" / "clip-tabletop").mkdir()
-    assert files.data_folder(tmp_path / "gem_lite") == tmp_path / "data"
+    for folder, found in ((None, "gem_lite_data"), ("data", "gem_lite_data"), ("data/clip-tabletop", "data")):
+        if folder:
+            (tmp_path / folder).mkdir()  # without the CLIP it is another package's
+        assert files.data_folder(tmp_path / "gem_lite") == tmp_path / found

@@ -36,20 +36,23 @@ def sleep(job):
     return []
 
 
-def run(episodes, processes=1):
+def run(episodes, processes=1, **facts):
     jobs = [Job(part) for part in workers.chunks(0, episodes)]
-    return workers.run_jobs(run_and_be_killed, jobs, "test", float, processes)
+    return workers.run_jobs(run_and_be_killed, jobs, "test", processes=processes, **facts)
 
 
 def test_outcomes_come_in_the_order_of_the_jobs():
     assert run(9, processes=2) == list(range(9))
 
 
-def test_a_killed_process_ends_the_measurement_and_the_outcomes_before_it_are_printed(capsys):
-    with pytest.raises(ChildProcessError, match=r"killed .* while the episodes 10, 11, 12, 13, 14 were being run") as e:
-        run(30)
-    assert "nothing is filed" in str(e.value) and "of the 10 episodes that were complete" in str(e.value)
-    assert capsys.readouterr().out.split() == [str(index) for index in range(10)]
+@pytest.mark.parametrize(("unit", "reward", "printed"), [("episode", float, range(10)), ("scene", None, ())])
+def test_a_killed_process_ends_the_work_and_outcomes_with_rewards_are_printed(capsys, unit, reward, printed):
+    with pytest.raises(
+        ChildProcessError, match=rf"killed .* while the {unit}s 10, 11, 12, 13, 14 were .*is filed"
+    ) as e:
+        run(30, unit=unit, reward=reward)
+    assert ("of the 10 episodes that were complete" in str(e.value)) == (reward is not None)
+    assert capsys.readouterr().out.split() == [str(index) for index in printed]
 
 
 def killed(job):
@@ -75,15 +78,14 @@ def alive(pid):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="reads /proc")
 def test_processes_end_with_their_parent(tmp_path):
     started = tmp_path / "started"
-    code = f"""
+    script = tmp_path / "script.py"
+    script.write_text(f"""
 from pathlib import Path
 from gem_lite.evaluation import workers
 import test_workers
 if __name__ == "__main__":
     workers.run_jobs(test_workers.sleep, [test_workers.Job([0], Path({str(started)!r}))], "test", float, 1)
-"""
-    script = tmp_path / "script.py"
-    script.write_text(code)
+""")
     paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
     parent = subprocess.Popen([sys.executable, str(script)], env=os.environ | {"PYTHONPATH": paths})
     try:

@@ -1,4 +1,4 @@
-"""Checks that all rows of a policy are of one checkpoint.
+"""Checks that all rows of a policy are of one checkpoint, and that what is measured is filed.
 
 A policy that is lost and trained anew need not be the same, on another machine or by another version. These checks
 refuse to mix the two.
@@ -74,6 +74,22 @@ def check_policy(cell: Cell, cells: Iterable[Cell], policies: Path) -> None:
             f"{cell.name}: its policy {path} {state}, but other rows of this training are of the checkpoints {rows}: "
             "bring this checkpoint back, or remove all rows of this training to measure them anew"
         )
+
+
+def missing(cells: Iterable[Cell], folder: Path) -> list[Path]:
+    """The files of a folder into which those cells are measured that the tables lack.
+
+    Raises:
+        ValueError: such a file is there, so that a cell is measured and its row is not filed.
+    """
+    files = {folder / f"{cell.name}.jsonl": cell for cell in cells if cell.row() is None}
+    for file in files:
+        if file.exists():
+            raise ValueError(
+                f"{file} is measured, and data/results/benchmark/ lacks its row: file it by 'python -m "
+                f"experiments.benchmark file {file}', or remove it to measure it anew"
+            )
+    return list(files)
 
 
 def _is_of(card: dict, training: Training) -> bool:

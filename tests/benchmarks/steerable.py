@@ -10,10 +10,8 @@ measured in a process of its own (Linux only).
 """
 
 import argparse
-import contextlib
 import ctypes
 import multiprocessing
-import sys
 import warnings
 from pathlib import Path
 
@@ -25,9 +23,6 @@ from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import SteerableKernel, disc
 from gem_lite.steerable.correlation import sample
 
-sys.path.append(str(Path(__file__).parents[2] / "notebooks"))
-from orbits import band_limited, peak
-
 warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
 
 CHANNELS = 3
@@ -35,60 +30,30 @@ LIFTED = 180
 CASES = (((160, 80), 17), ((320, 160), 33), ((320, 160), 65))
 FREQUENCIES = (8, 16, 36)
 ANGLES = (36, 72, 180)
-CURVE = (4, 12, 36, 72, 180, 360)
-
-
-def fastest_conv2d(size: int) -> contextlib.AbstractContextManager:
-    """oneDNN for common kernels; for large ones, where it takes minutes, torch's own matrix product."""
-    return torch.backends.mkldnn.flags(enabled=size <= 33)
-
-
-def rotate_first(kernel: torch.Tensor, features: torch.Tensor, angles: torch.Tensor):
-    """(1, R, H, W): correlate with R turned kernels."""
-    turned = rotate_image((kernel * disc(kernel.shape[-1])), angles)
-    return F.conv2d(features, turned, padding=kernel.shape[-1] // 2)
-
-
-def ours(kernel: torch.Tensor, features: torch.Tensor, angles: torch.Tensor, frequency: int):
-    """(1, R, H, W): the same by Fourier coefficients."""
-    return sample(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features), angles)
-
-
-def problem(shape: tuple[int, int], size: int, count: int):
-    """A smooth kernel, features of noise, and the sampled angles."""
-    generator = torch.Generator().manual_seed(0)
-    noise = torch.randn(1, CHANNELS, size, size, generator=generator)
-    reach = size // 4
-    blur = torch.exp(-(torch.arange(-reach, reach + 1.0) ** 2) / (2 * (size / 12) ** 2))
-    window = disc(size) * torch.exp(
-        -((torch.linspace(-1.5, 1.5, size) ** 2)[:, None] + torch.linspace(-1.5, 1.5, size) ** 2)
-    )
-    blur = (blur[:, None] * blur).expand(CHANNELS, 1, -1, -1)
-    smooth = F.conv2d(noise, blur, padding=reach, groups=CHANNELS) * window
-    features = torch.randn(1, CHANNELS, *shape, generator=generator)
-    return band_limited(smooth), features, torch.from_numpy(angle_bins(count)).float()
 
 
 def work(shape: tuple[int, int], size: int, count: int, frequency: int | None):
     """Two functions: forward, and forward+backward; ``frequency`` None is *rotate first*."""
-    kernel, features, angles = problem(shape, size, count)
+    generator = torch.Generator().manual_seed(0)
+    kernel = torch.randn(1, CHANNELS, size, size, generator=generator) * disc(size)
+    features = torch.randn(1, CHANNELS, *shape, generator=generator)
+    angles = torch.from_numpy(angle_bins(count)).float()
     upstream = torch.randn(1, count, *shape)
 
     def forward():
+        """(1, R, H, W): the correlation at each angle."""
         if frequency is None:
-            return rotate_first(kernel, features, angles)
-        return ours(kernel, features, angles, frequency)
-
-    def inference():
-        with torch.no_grad(), fastest_conv2d(size):
-            return forward()
+            # oneDNN takes minutes for large kernels: these are torch's own matrix product.
+            with torch.backends.mkldnn.flags(enabled=size <= 33):
+                return F.conv2d(features, rotate_image(kernel, angles), padding=size // 2)
+        return sample(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features), angles)
 
     def training():
         kernel.requires_grad_(), features.requires_grad_()
-        with fastest_conv2d(size):
+        with torch.backends.mkldnn.flags(enabled=size <= 33):
             forward().backward(upstream)
 
-    return inference, training
+    return torch.no_grad()(forward), training
 
 
 def _grown(queue, shape: tuple[int, int], size: int, count: int, frequency: int | None) -> None:
@@ -141,25 +106,6 @@ def main() -> None:
                     f"  ours, K = {frequency:2d}  {fast[0] * 1e3:8.1f} ms {fast[1] * 1e3:8.1f} ms {used:5.0f} MB;"
                     f"  ratios {slow[0] / fast[0]:5.1f}, {slow[1] / fast[1]:5.1f}, memory {space / used:4.1f}"
                 )
-
-    shape, size = CASES[1]
-    print(f"\ncost against the number of sampled angles, {shape[0]} x {shape[1]}, h = {size}, inference")
-    print("  angles   rotate first " + "".join(f"  K = {k}: table     peak  " for k in FREQUENCIES))
-    kernel, features, _ = problem(shape, size, 1)
-    for count in CURVE[:4] if quick else CURVE:
-        angles = torch.from_numpy(angle_bins(count)).float()
-        line = f"  {count:6d}   {seconds(work(shape, size, count, None)[0], 2)[0] * 1e3:9.1f} ms "
-        for frequency in FREQUENCIES:
-
-            def decide(frequency=frequency, angles=angles):
-                return peak(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features)[0], angles)
-
-            with torch.no_grad():
-                table = seconds(work(shape, size, count, frequency)[0], 7)[0]
-                best = seconds(decide, 7)[0]
-            line += f"  {table * 1e3:9.1f} ms {best * 1e3:5.1f} ms  "
-        print(line)
-    print("  table: every logit is written down; peak: the best angle and pixel only")
 
 
 if __name__ == "__main__":

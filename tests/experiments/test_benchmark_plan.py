@@ -1,6 +1,7 @@
 """The plan of the benchmark: its cells, where their rows are, and what Snakemake would do."""
 
 import dataclasses
+import functools
 import itertools
 import json
 import subprocess
@@ -39,12 +40,8 @@ def empty(tmp_path, monkeypatch):
 
 
 def all_cells(whole):
-    cells = [
-        *whole.search(),
-        *whole.search("wider_search"),
-        *itertools.chain(*(whole.tier(name) for name in CONTENT["tiers"])),
-    ]
-    return list(dict.fromkeys(cells))
+    tiers = [whole.search(), whole.search("wider_search"), *map(whole.tier, CONTENT["tiers"])]
+    return list(dict.fromkeys(itertools.chain(*tiers)))
 
 
 def row_of(cell, mean=50.0, **changes):
@@ -55,9 +52,6 @@ def row_of(cell, mean=50.0, **changes):
 
 def file_row(cell, mean=50.0, **changes):
     results.file_rows([row_of(cell, mean, **changes)], results.benchmark_file(cell.task), plan.IDENTITY)
-
-
-# The cells ------------------------------------------------------------------------------------------------------------
 
 
 def test_the_first_tier_compares_three_methods_on_every_task(whole):
@@ -71,15 +65,13 @@ def test_the_first_tier_compares_three_methods_on_every_task(whole):
     assert all(cell.episodes == 50 and cell.split == "test" for cell in cells)
 
 
-def test_two_variants_of_colours_share_a_training_and_two_of_objects_do_not(whole):
-    gem = {cell.task: cell.training for cell in whole.tier("must") if cell.method == "gem"}
+def test_variants_of_colours_share_a_training_variants_of_objects_do_not_and_longer_tasks_have_more_steps(whole):
+    cells = whole.tier("must")
+    gem = {cell.task: cell.training for cell in cells if cell.method == "gem"}
     assert gem[BOWL] == gem[UNSEEN_BOWL]
     assert gem["packing-google-objects-seq-seen"] != gem["packing-google-objects-seq-unseen"]
-    assert len(plan.trainings(whole.tier("must"))) < len(whole.tier("must"))
-
-
-def test_a_policy_for_all_tasks_has_as_many_steps_for_each_and_a_longer_task_more(whole):
-    steps = {(cell.method, cell.training.tasks): cell.training.config.steps for cell in whole.tier("must")}
+    assert len(plan.trainings(cells)) < len(cells)
+    steps = {(cell.method, cell.training.tasks): cell.training.config.steps for cell in cells}
     for method in ("gem", "cliport", "transporter-lan"):
         assert steps[method, ("align-rope",)] == 4 * steps[method, ("block-insertion",)]
     assert steps["gem-multi", whole.several] == 10 * steps["gem", ("block-insertion",)]
@@ -89,29 +81,24 @@ def test_a_policy_for_all_tasks_has_as_many_steps_for_each_and_a_longer_task_mor
 TRAINING = Training("gem", (BOWL,), 10, 0, 2000, 0.001, "", "one")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"demos": 20}, {"seed": 1}, {"steps": 7}, {"learning_rate": 0.5}, {"tasks": ("bars-in-box",)},
-     {"method": "gem-without-image-map"}, {"clip_name": "openai/clip-vit-base-patch32", "clip_fingerprint": "other"}],
-)  # fmt: skip
-def test_whatever_changes_a_policy_changes_its_name_and_its_rows(change):
-    changed = dataclasses.replace(TRAINING, **change)
-    assert TRAINING.name != changed.name
-    cell, other = (Cell(one.method, BOWL, one) for one in (TRAINING, changed))
-    assert (cell.columns == other.columns) == ("tasks" in change)  # the plan has one set of demonstrations for a cell
-    assert (cell.name == other.name) == ("tasks" in change)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"split": "val"}, {"episodes": 10}, {"preset": "paper"}, {"task": "align-rope"}, {"skipped": (3,)},
-     {"world": "shadows"}],
-)  # fmt: skip
-def test_whatever_changes_a_row_changes_its_columns(change):
+def test_whatever_changes_a_policy_or_a_row_changes_its_name_and_its_columns():
+    cell = Cell("gem", BOWL, TRAINING)
+    for change in (
+        {"demos": 20}, {"seed": 1}, {"steps": 7}, {"learning_rate": 0.5}, {"tasks": ("bars-in-box",)},
+        {"method": "gem-without-image-map"}, {"clip_name": "openai/clip-vit-base-patch32", "clip_fingerprint": "other"},
+    ):  # fmt: skip
+        changed = dataclasses.replace(TRAINING, **change)
+        assert TRAINING.name != changed.name
+        other = Cell(changed.method, BOWL, changed)  # the plan has one set of demonstrations for a cell
+        assert (cell.columns == other.columns) == (cell.name == other.name) == ("tasks" in change)
     cell = Cell("expert-rounded", BOWL)
-    changed = dataclasses.replace(cell, **change)
-    assert cell.name != changed.name
-    assert cell.columns != changed.columns or "episodes" in change
+    for change in (
+        {"split": "val"}, {"episodes": 10}, {"preset": "paper"}, {"task": "align-rope"}, {"skipped": (3,)},
+        {"world": "shadows"},
+    ):  # fmt: skip
+        changed = dataclasses.replace(cell, **change)
+        assert cell.name != changed.name
+        assert cell.columns != changed.columns or "episodes" in change
 
 
 def test_every_variant_of_every_method_is_measured_somewhere(whole):
@@ -121,15 +108,14 @@ def test_every_variant_of_every_method_is_measured_somewhere(whole):
 
 
 def test_a_wrong_plan_is_refused():
-    with pytest.raises(ValueError, match="the plan lacks demonstrations"):
-        Plan({name: value for name, value in CONTENT.items() if name != "demonstrations"})
-    with pytest.raises(ValueError, match="no task is named 'put-block-in-bowel'"):
-        Plan({**CONTENT, "multi": ["put-block-in-bowel"]})
+    for wrong, said in (
+        ({name: value for name, value in CONTENT.items() if name != "search"}, "the plan lacks search"),
+        ({**CONTENT, "multi": ["put-block-in-bowel"]}, "no task is named 'put-block-in-bowel'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Plan(wrong)
     with pytest.raises(ValueError, match="tier must be one of experts, must"):
         Plan(CONTENT).tier("first")
-
-
-# Rows -----------------------------------------------------------------------------------------------------------------
 
 
 def test_every_stored_row_belongs_to_one_cell(whole):
@@ -179,26 +165,20 @@ def test_the_best_trial_and_what_the_expert_does_not_solve_are_printed(whole, em
     assert printed["skipped"] == {BOWL: [2, 11]}
 
 
-def test_the_plan_has_what_the_rows_decide(capsys):
+def test_the_plan_has_what_the_rows_decide_and_leaves_out_what_the_expert_does_not_solve(whole, capsys):
     commands.settings()
     printed = yaml.safe_load(capsys.readouterr().out)
     assert {name: CONTENT[name] for name in printed} == printed
     for task, left_out in printed["skipped"].items():
+        cells = [cell for name in ("experts", "must") for cell in whole.tier(name) if cell.task == task]
+        assert all(cell.skipped == (() if cell.method == "expert" else tuple(left_out)) for cell in cells)
         assert len(left_out) <= 56 * (0.1 if tasks.family(task) in ("align-rope", "separating-piles") else 0.05)
-
-
-def test_what_the_expert_does_not_solve_is_left_out_for_all_others():
-    changed = Plan({**CONTENT, "skipped": {BOWL: [4, 7]}})
-    cells = [cell for name in ("experts", "must") for cell in changed.tier(name) if cell.task == BOWL]
-    assert {cell.skipped for cell in cells if cell.method != "expert"} == {(4, 7)}
-    assert {cell.skipped for cell in cells if cell.method == "expert"} == {()}
 
 
 def test_a_row_of_another_world_has_no_place_in_a_table(whole):
     cells = [cell for cell in whole.tier("lessons") if cell.method == "gem" and cell.world != "home"]
     assert {"white-floor", "shadows", "touching"} <= {cell.world for cell in cells}
-    at_home = dataclasses.replace(cells[0], world="home")
-    rows = [row_of(cells[0]), row_of(at_home)]
+    rows = [row_of(cells[0]), row_of(dataclasses.replace(cells[0], world="home"))]
     assert whole_benchmark.table_rows(rows)["table-1"] == rows[1:]
     assert summaries.scores(rows[:1], "gem", 10) == {}
     assert set(summaries.scores(rows, "gem", 10, world=cells[0].world)) == {cells[0].task}
@@ -224,13 +204,6 @@ def test_the_tables_hold_every_row_of_test_episodes(whole, empty, tmp_path):
         tables.arranged([row_of(whole.tier("experts")[0])] * 2)
 
 
-# Policies -------------------------------------------------------------------------------------------------------------
-
-
-def test_all_rows_of_a_policy_are_of_one_checkpoint():
-    checks.check_checkpoints(results.stored_rows())
-
-
 def test_two_checkpoints_of_one_policy_are_refused(whole):
     cells = {cell.task: cell for cell in whole.tier("must") if cell.method == "gem"}
     one = row_of(cells[BOWL], data_sha256="d", checkpoint_sha256="one" * 4)
@@ -244,10 +217,10 @@ def test_two_checkpoints_of_one_policy_are_refused(whole):
     for rows in ([one, other], [one, other | {"config_hash": "more steps"}], same_trial):
         with pytest.raises(ValueError, match=refused):
             checks.check_checkpoints(rows)
-    with pytest.raises(ValueError, match=refused):
-        page.renewed("", [one, other])
-    with pytest.raises(ValueError, match=refused):
-        tables.arranged([one, other])
+    for user in (tables.arranged, functools.partial(page.renewed, "")):
+        with pytest.raises(ValueError, match=refused):
+            user([one, other])
+    checks.check_checkpoints(results.stored_rows())
 
 
 def test_a_policy_is_not_trained_anew_for_the_rest_of_its_cells_nor_taken_from_another_training(whole, empty, tmp_path):
@@ -285,40 +258,35 @@ def test_a_policy_is_not_trained_anew_for_the_rest_of_its_cells_nor_taken_from_a
     checks.check_policy(Cell("expert", BOWL), cells, policies)
 
 
-# Snakemake ------------------------------------------------------------------------------------------------------------
+def test_a_measured_row_that_is_not_filed_is_refused(whole, empty, tmp_path):
+    first, second = whole.tier("must")[:2]
+    file_row(first)
+    measured = tmp_path / f"{second.name}.jsonl"
+    (tmp_path / f"{first.name}.jsonl").touch()  # its row is filed
+    assert checks.missing([first, second], tmp_path) == [measured]
+    measured.touch()
+    with pytest.raises(ValueError, match=rf"{second.name}\.jsonl is measured, and .* lacks its row"):
+        checks.missing([first, second], tmp_path)
 
 
-def snakemake(runs, *words):
-    command = [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--cores", "2", "--quiet", *words[:-1]]
-    words = ["--config", f"runs={runs}", f"clip={clip.EMBEDDED}", "--", words[-1]]
-    return subprocess.run([*command, *words], cwd=ROOT, capture_output=True, text=True)
-
-
-def test_snakemake_finds_a_way_to_rows_that_are_not_measured_yet(tmp_path):
-    done = snakemake(tmp_path, "--dry-run", "more")
-    assert done.returncode == 0, done.stderr[-2000:]
+def snakemake(runs, options, *targets):
+    command = [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--cores", "2", *options]
+    command += ["--config", f"runs={runs}", f"clip={clip.EMBEDDED}", "--", *targets]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
 def test_snakemake_refuses_to_train_a_lost_policy_anew_for_one_of_its_rows(tmp_path):
     cell = next(cell for cell in Plan.load(str(clip.EMBEDDED)).tier("must") if cell.method == "gem-multi")
-    done = snakemake(tmp_path, "--dry-run", str(tmp_path / "rows" / f"{cell.name}.jsonl"))
+    done = snakemake(tmp_path, ["--quiet", "--dry-run"], str(tmp_path / "rows" / f"{cell.name}.jsonl"))
     assert done.returncode == 1 and "is missing and would be trained anew" in done.stdout + done.stderr
 
 
-def test_snakemake_refuses_a_measured_row_that_is_not_filed(tmp_path):
-    whole = Plan.load(str(clip.EMBEDDED))
-    name = next(cell.name for cell in whole.tier("more") if cell.row() is None)
-    (tmp_path / "rows").mkdir()
-    (tmp_path / "rows" / f"{name}.jsonl").touch()
-    done = snakemake(tmp_path, "--dry-run", "must")
-    assert done.returncode == 1 and f"{name}.jsonl is measured, and " in done.stdout + done.stderr
-
-
-def test_a_folder_of_runs_is_refused_while_another_process_works_in_it(tmp_path):
+def test_snakemake_finds_a_way_to_all_rows_and_leaves_a_folder_in_which_another_process_works(tmp_path):
     stamp = tmp_path / "demos" / "block-insertion-10.txt"
     with filelock.FileLock(tmp_path / "lock"):
-        done = snakemake(tmp_path, str(stamp))
-    assert done.returncode == 1 and "another snakemake works in" in done.stderr and not stamp.parent.exists()
+        done = snakemake(tmp_path, ["--quiet"], "more", str(stamp))  # what is not measured yet, and a small set
+    assert done.returncode == 1 and "another snakemake works in" in done.stderr, done.stderr[-2000:]
+    assert not stamp.parent.exists()
     # Snakemake's own lock would stay after a kill.
     profile = (ROOT / SNAKEFILE).with_name("profiles") / "default" / "config.yaml"
     assert yaml.safe_load(profile.read_text())["nolock"] is True

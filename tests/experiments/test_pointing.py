@@ -9,7 +9,7 @@ from shapely.geometry import Point
 
 from experiments.pointing import measure
 from experiments.pointing.__main__ import APP
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.cli import base
 from gem_lite.evaluation import calibrating, results
 from gem_lite.foundations import colors
@@ -21,11 +21,6 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 
 SEED = tasks.episode_seed("val", 900_000)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +40,11 @@ def peak_at(x, y):
 @pytest.mark.parametrize("kind", pointing.KINDS)
 def test_a_seed_makes_one_scene(world, scenes, kind):
     again, other = lay_out(kind, world, SEED), lay_out(kind, world, SEED + 1)
-    assert again.questions == scenes[kind].questions
-    assert again.poses == scenes[kind].poses
+    assert (again.questions, again.poses) == (scenes[kind].questions, scenes[kind].poses)
     assert np.array_equal(again.views[0].rgb, scenes[kind].views[0].rgb)
     assert other.poses != again.poses
+    with pytest.raises(ValueError, match="kind must be one of bowls, shapes, got 'cups'"):
+        lay_out("cups", world, 0)
 
 
 def test_pieces_differ_in_colour_or_shape_and_two_are_asked_for(world, scenes):
@@ -89,22 +85,15 @@ def test_masks_lie_where_the_bodies_are(scenes, kind):
     assert np.abs(np.mean(offsets, axis=0)).max() < 0.15
 
 
-def test_a_bowl_has_no_hole_from_above(scenes):
+def test_bowls_have_no_hole_from_above_and_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
     scene = scenes["bowls"]
-    bowls = [body for body, name in scene.names.items() if name.endswith("bowl")]
-    area = np.pi * 58**2
-    for body in bowls:
-        assert (scene.above == body).sum() * (1000 * LITE.pixel) ** 2 == pytest.approx(area, rel=0.05)
-
-
-def test_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
-    scene = scenes["bowls"]
+    for body in (body for body, name in scene.names.items() if name.endswith("bowl")):
+        area = (scene.above == body).sum() * (1000 * LITE.pixel) ** 2
+        assert area == pytest.approx(np.pi * 58**2, rel=0.05)
     for question in scene.questions:
         for pose in scene.poses_of(question[1]):
             found = point(peak_at(pose.x, pose.y), "fused", scene, question)
-            assert found.near
-            assert found.exact
-            assert found.shown == question[1]
+            assert found.near and found.exact and found.shown == question[1]
             assert found.distance <= LITE.pixel / np.sqrt(2)
             assert (found.row, found.col) == pytest.approx(LITE.workspace.nearest_cell(pose.x, pose.y), abs=1e-4)
 
@@ -112,23 +101,18 @@ def test_a_peak_at_a_right_body_hits_it_whichever_it_is(scenes):
 def test_a_peak_on_the_table_misses_and_one_on_another_body_names_it(scenes):
     scene = scenes["bowls"]
     question = scene.questions[0]
-    rows, cols = np.indices(LITE.workspace.shape)
-    x, y = LITE.workspace.to_world(rows, cols)
+    x, y = LITE.workspace.to_world(*np.indices(LITE.workspace.shape))
     free = np.min([np.hypot(x - pose.x, y - pose.y) for pose in scene.poses.values()], axis=0)
     free[[0, -1]] = free[:, [0, -1]] = 0  # so that the plateau fits
     cell = np.unravel_index(free.argmax(), free.shape)
     missed = point(peak_at(x[cell], y[cell]), "fused", scene, question)
-    assert (missed.near, missed.exact, missed.shown) == (False, False, "table")
-    assert missed.distance >= free.max() - 1e-9
     other, name = next((body, name) for body, name in scene.names.items() if name != question[1])
     wrong = point(peak_at(scene.poses[other].x, scene.poses[other].y), "fused", scene, question)
-    assert (wrong.near, wrong.exact, wrong.shown) == (False, False, name)
-
-
-def test_near_is_within_the_radius():
-    at = Pointing(0, "red block", "fused", 0.0, 0.0, pointing.RADIUS, "table", False)
-    assert at.near
-    assert not dataclasses.replace(at, distance=pointing.RADIUS + 1e-6).near
+    for found, shown in ((missed, "table"), (wrong, name)):
+        assert (found.near, found.exact, found.shown) == (False, False, shown)
+    assert missed.distance >= free.max() - 1e-9
+    assert dataclasses.replace(missed, distance=pointing.RADIUS).near
+    assert not dataclasses.replace(missed, distance=pointing.RADIUS + 1e-6).near
 
 
 def test_the_truth_reaches_no_map(scenes, model):
@@ -170,11 +154,9 @@ def test_workers_play_as_this_process_does(world, model):
 
 
 def test_rates_of_known_outcomes():
-    def pointings(outcomes):
-        return [Pointing(seed, str(i), "fused", 0, 0, 0, "", hit) for i, (seed, hit) in enumerate(outcomes)]
-
     def rate(outcomes):
-        return measure.rate(pointings(outcomes), lambda p: p.exact)
+        found = [Pointing(seed, str(i), "fused", 0, 0, 0, "", hit) for i, (seed, hit) in enumerate(outcomes)]
+        return measure.rate(found, lambda p: p.exact)
 
     perfect = rate([(seed, True) for seed in range(100)])
     assert (perfect["mean"], perfect["ci95"]) == (100.0, [96.4, 100.0])
@@ -202,9 +184,9 @@ def test_rows_replace_those_of_the_same_clip_alone(tmp_path):
     rows = results.read_rows(path)
     assert len(rows) == 2 * len(measure.MAPS)
     for row in rows:
-        expected = 100.0 * (row["clip_fingerprint"] == "a")
-        assert row["exact"]["mean"] == row["within_20mm"]["mean"] == expected
-        assert row["exact"]["by_scene"] == {"3": expected / 100, "4": expected / 100}
+        share = float(row["clip_fingerprint"] == "a")
+        assert row["exact"]["mean"] == row["within_20mm"]["mean"] == 100 * share
+        assert row["exact"]["by_scene"] == {"3": share, "4": share}
         assert (row["kind"], row["scenes"], row["scene_count"], row["seeds"]) == ("pointing", "bowls", 2, [3, 4])
     with pytest.raises(ValueError, match=r"holds a row over 2 episodes \(kind pointing, scenes bowls, map fused"):
         results.file_rows(rows_of("a", True, seeds=(3,)), path, measure.IDENTITY)
@@ -215,34 +197,26 @@ def test_scenes_are_in_no_evaluation_and_no_calibration():
     assert len(seeds) == 1000
     assert not seeds & {tasks.episode_seed("val", index) for index in range(calibrating.SCENES)}
     rows = results.stored_rows()
-    assert rows
-    for row in rows:
-        # A subset holds fewer episodes than were run, so look as far as the largest.
-        longest = max(other["episodes"] for other in rows)
-        first = tasks.episode_seed(row["split"], row["start"])
+    longest = max(row["episodes"] for row in rows)  # a subset holds fewer episodes than were run
+    for split, start in {(row["split"], row["start"]) for row in rows}:
+        first = tasks.episode_seed(split, start)
         assert not seeds & set(range(first, first + longest))
 
 
-def test_crops_are_of_training_scenes_in_seen_colours(model, monkeypatch):
+def test_crops_are_of_training_scenes_in_seen_colours_or_of_what_demonstrations_named(demo_set, model, monkeypatch):
     monkeypatch.setattr(measure, "TRAINING_SCENES", 1)
-    memory = measure.demonstrated_crops("shapes", model)
-    assert len(memory.entries) == pointing.PIECES
-    assert {entry.phrase.split()[0] for entry in memory.entries} <= set(colors.SEEN)
-    side = round(LITE.top_patch / LITE.pixel)
-    for entry in memory.entries:
-        assert entry.image.shape == (side, side, 3)
+    entries = measure.demonstrated_crops("shapes", model).entries
+    assert len(entries) == pointing.PIECES
+    assert {entry.phrase.split()[0] for entry in entries} <= set(colors.SEEN)
+    assert {entry.image.shape for entry in entries} == {(round(LITE.top_patch / LITE.pixel),) * 2 + (3,)}
     # Each shows a piece: something brighter than the table, and no two are alike.
-    assert min(entry.image.max() for entry in memory.entries) > 2 * max(colors.TABLE)
-    assert all(not np.array_equal(a.image, b.image) for a, b in itertools.combinations(memory.entries, 2))
-
-
-def test_crops_of_demonstrations_are_of_what_was_named(demo_set, model, monkeypatch):
+    assert min(entry.image.max() for entry in entries) > 2 * max(colors.TABLE)
+    assert all(not np.array_equal(a.image, b.image) for a, b in itertools.combinations(entries, 2))
     folder, demos = demo_set
     monkeypatch.setattr(measure, "DEMONSTRATIONS", folder)
-    memory = measure.demonstrated_crops("bowls", model)
-    named = {phrase for demo in demos for step in demo.steps for phrase in (step.phrases.pick, step.phrases.place)}
-    assert {entry.phrase for entry in memory.entries} == named
-    assert len(memory.entries) == 2 * sum(len(demo.steps) for demo in demos)
+    entries = measure.demonstrated_crops("bowls", model).entries
+    phrases = [phrase for demo in demos for step in demo.steps for phrase in (step.phrases.pick, step.phrases.place)]
+    assert {entry.phrase for entry in entries} == set(phrases) and len(entries) == len(phrases)
 
 
 def test_the_command_measures_scenes_and_a_task(jobs_here, tmp_path, monkeypatch, capsys):
@@ -253,11 +227,6 @@ def test_the_command_measures_scenes_and_a_task(jobs_here, tmp_path, monkeypatch
     assert base.run(APP, ["--scenes", "1", "--task", "packing-shapes-seen", "--out", "rows.jsonl"]) == 0
     assert "the map points at the named piece of packing-shapes-seen: " in capsys.readouterr().out
     assert [row["method"] for row in results.read_rows(tmp_path / "rows.jsonl")] == [measure.METHOD]
-
-
-def test_no_other_kind_is_laid_out(world):
-    with pytest.raises(ValueError, match="kind must be one of bowls, shapes, got 'cups'"):
-        lay_out("cups", world, 0)
 
 
 def test_a_packing_scene_is_the_evaluation_episode_and_asks_for_its_piece(world):

@@ -3,7 +3,6 @@ import pytest
 from shapely import affinity, contains_xy
 
 from experiments.clip_tabletop import tiles
-from gem_lite.actions import PickPlace
 from gem_lite.foundations import colors
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Pose2
@@ -54,10 +53,10 @@ def test_all_bodies_rest_where_they_are_put(blind, stage):
         assert np.cos(end.yaw - pose.yaw) > 0.9999
 
 
-def test_unknown_names_are_named():
-    for name in ("letter a", "letter AB", "digit 10", "A", "letter A shape"):
-        with pytest.raises(ValueError, match=rf"name .*'{name}'"):
-            tiles.add_tile(0, name, BLUE, Pose2(0.5, 0))
+@pytest.mark.parametrize("name", ["letter a", "letter AB", "digit 10", "A", "letter A shape"])
+def test_unknown_tiles_are_named(name):
+    with pytest.raises(ValueError, match=rf"name .*'{name}'"):
+        tiles.add_tile(0, name, BLUE, Pose2(0.5, 0))
     for add in (tiles.add_textured_block, tiles.add_towel):
         with pytest.raises(ValueError, match=r"texture .*striped.*'plaid'"):
             add(0, "plaid", BLUE, Pose2(0.5, 0))
@@ -72,24 +71,18 @@ def test_ink_stands_out_from_every_colour():
         assert abs(np.dot(weights, np.subtract(tiles.ink_on(color)[:3], color[:3]))) > 0.4
 
 
-@pytest.mark.parametrize(("one", "other"), [("digit 6", "digit 9"), ("letter M", "letter W"), ("letter N", "letter Z")])
-def test_the_bar_tells_the_upright_way(one, other):
-    upright = drawn(tiles.tile_ink(one))
-    turns = (180,) if one != "letter N" else (90, 270)
-    for turn in turns:
-        assert overlap(upright, drawn(affinity.rotate(tiles.tile_ink(other), turn, origin=(0, 0)))) < 0.7
-
-
 def test_no_two_tiles_look_alike_at_any_quarter_turn():
     turned = [
         [drawn(affinity.rotate(tiles.tile_ink(name), 90 * i, origin=(0, 0))) for i in range(4)] for name in tiles.TILES
     ]
-    for i, first in enumerate(turned):
-        for quarter in range(1, 4):
-            assert overlap(first[0], first[quarter]) < 0.8, tiles.TILES[i]
+    for i, (upright, *others) in enumerate(turned):
+        assert max(overlap(upright, other) for other in others) < 0.8, tiles.TILES[i]
         for j in range(i):
-            for other in turned[j]:
-                assert overlap(first[0], other) < 0.95, (tiles.TILES[i], tiles.TILES[j])
+            assert max(overlap(upright, other) for other in turned[j]) < 0.95, (tiles.TILES[i], tiles.TILES[j])
+    # The bar tells the upright way.
+    for one, other, quarter in (("digit 6", "digit 9", 2), ("letter M", "letter W", 2), ("letter N", "letter Z", 1)):
+        for turn in {quarter, 4 - quarter}:
+            assert overlap(turned[tiles.TILES.index(one)][0], turned[tiles.TILES.index(other)][turn]) < 0.7
 
 
 @pytest.mark.parametrize("name", ["letter F", "digit 6", "letter W", "letter Q"])
@@ -100,14 +93,6 @@ def test_a_tile_shows_its_letter_from_above_not_mirrored(world, stage, name, yaw
     assert mine.sum() == pytest.approx(48**2, rel=0.05)
     assert overlap(ink, drawn(affinity.rotate(tiles.tile_ink(name), np.degrees(yaw), origin=(0, 0)))) > 0.8
     assert world.pose(body)[0].yaw == pytest.approx(yaw, abs=0.01)
-
-
-@pytest.mark.parametrize("texture", tiles.TEXTURES)
-@pytest.mark.parametrize("add", [tiles.add_textured_block, tiles.add_towel])
-def test_a_pattern_covers_about_half_of_what_is_seen(world, stage, add, texture):
-    (body,), _ = stage(lambda client: add(client, texture, YELLOW, Pose2(0.5, 0, 0.3)))
-    mine, ink = seen(world, body)
-    assert 0.3 < ink.sum() / mine.sum() < 0.7
 
 
 @pytest.mark.parametrize("texture", tiles.TEXTURES)
@@ -125,20 +110,3 @@ def test_all_faces_of_a_block_but_the_lowest_have_the_pattern(texture):
         assert area_on_face(plain) + area_on_face(ink) == pytest.approx(face)  # no gap and no overlap
         assert 0.2 < area_on_face(ink) / face < 0.7
         assert (ink.triangles @ normal).max() < distance + 1e-9  # nothing sticks out of the contact shape
-
-
-def test_meshes_are_small_and_made_once():
-    size = (0.04, 0.04, 0.04)
-    made = [tiles._tile(name) for name in tiles.TILES]
-    made += [mesh for texture in tiles.TEXTURES for mesh in (tiles._block(texture, size), tiles._towel(texture))]
-    assert all(len(plain.faces) + len(ink.faces) < 1500 for plain, ink in made)
-    assert tiles._tile("letter A")[0] is made[0][0]
-
-
-def test_a_tile_can_be_picked_and_placed(world, stage):
-    (body,), _ = stage(lambda client: tiles.add_tile(client, "letter K", BLUE, Pose2(0.4, 0.2, 0.5)))
-    start = world.pose(body)[0]
-    assert world.step(PickPlace(start, Pose2(0.6, -0.2, start.yaw))).grasped
-    end, height = world.pose(body)
-    assert np.hypot(end.x - 0.6, end.y + 0.2) < 0.02
-    assert height == pytest.approx(body.rest_height, abs=0.002)
