@@ -15,16 +15,15 @@ CUBES = 6
 NIGHT = looks.register(looks.Look("night", floor=(0.05, 0.05, 0.1, 1.0)))
 
 
-@register("sweeping", {"near": {}, "far": {"reach": 0.3}})
+@register("sweeping", {"near": {}, "far": {"reach": 0.3, "max_steps": 1}})
 class Sweeping(Task):
     """Small cubes in a heap, to be pushed into a zone with the spatula."""
 
     effector = "spatula"
-    max_steps = 12
 
-    def __init__(self, split="train", reach=0.15):
+    def __init__(self, split="train", reach=0.15, max_steps=12):
         super().__init__(split)
-        self.reach = reach
+        self.reach, self.max_steps = reach, max_steps
 
     def lay_out(self, environment, rng, seed):
         side = 0.015

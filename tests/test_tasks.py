@@ -99,6 +99,10 @@ def check_the_pyramid(task, played):
 
 
 SPECIAL = {ROPE: check_the_rope, HANOI: check_the_tower, PYRAMID: check_the_pyramid}
+TWINS = (
+    "separating-piles-unseen-colors", "towers-of-hanoi-seq-seen-colors", "stack-block-pyramid-seq-unseen-colors"
+)  # fmt: skip
+"""They differ from a task that is played in their colours alone."""
 
 
 @pytest.mark.parametrize("name", ONE_TABLE)
@@ -115,6 +119,9 @@ def test_the_expert_solves_an_episode_and_the_grammar_reads_every_sentence(blind
     once = described(*episode)
     assert described(9, episode[1])[2] != once[2] and described(*episode) == once, "one seed is one layout"
     task = blind.task
+    if name in TWINS:
+        assert all(language.parse(goal.sentence).push == pushes for goal in task.goals)
+        return
     first_score = task.score(blind)
     assert 0 < first_score < 0.1 if pushes else first_score < 0.3
     played = play(blind, task)
