@@ -1,5 +1,6 @@
 """The tasks by name, and the seeds of their episodes. To add a family, write a class and register it."""
 
+import gem_lite.simulation  # noqa: F401 (before the families: it imports PyBullet without its message)
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     align_rope,
     assembling_kits,

@@ -7,7 +7,6 @@ can be found beside the paper's.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -50,15 +49,22 @@ YAWS = 12
 """So many yaws are tried for every object."""
 
 
+@register("packing-google-objects-group", {"seen": {"group": True}, "unseen": {"unseen": True, "group": True}})
+@register("packing-google-objects-seq", {"seen": {}, "unseen": {"unseen": True}})
 class PackingObjects(Task):
     """A brown box and four to nine everyday objects of any colour, with their true sizes.
 
     A "seen" variant shows all objects in every split, an "unseen" one shows `SEEN` in training and `UNSEEN` in
     validation and test: as in the paper. An object without a free place is left out.
+
+    Args:
+        group: one sentence names at least two objects of one name, among at least two of another name, and others. By
+            default, the objects are different, and one or more of them are named one after another.
     """
 
-    def __init__(self, split: Split = "train", unseen: bool = False) -> None:
+    def __init__(self, split: Split = "train", unseen: bool = False, group: bool = False) -> None:
         super().__init__(split, unseen)
+        self.group = group
         self.object_names = objects.NAMES
         if unseen:
             self.object_names = UNSEEN if self.unseen else SEEN
@@ -69,7 +75,7 @@ class PackingObjects(Task):
         box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
         bodies = []
         extents = {}
-        for name in self.choose(rng, len(split_floor(rng, zone.size, SHORTEST))):
+        for name in self._draw_names(rng, len(split_floor(rng, zone.size, SHORTEST))):
             color = str(rng.choice(list(colors.RGB)))
             variant = int(rng.integers(*objects.TEST_VARIANTS))
             with suppress(TableFullError):
@@ -78,18 +84,23 @@ class PackingObjects(Task):
                 bodies.append((name, self.put(environment, body, f"{color} {name}")))
                 extents[body.id] = objects.extents(name, variant)
         environment.wait(TOPPLING)
+        if self.group:
+            named = bodies[0][0]
+            group = tuple(body for name, body in bodies if name == named)
+            asked = [(f"pack all the {named} objects in the brown box", group)]
+        else:
+            in_turn = bodies[: int(rng.integers(1, max(2, len(bodies))))]
+            asked = [(f"pack the {name} in the brown box", (body,)) for name, body in in_turn]
+        self.max_steps = sum(len(group) for _, group in asked) + 1
         metric = VolumeMetric(box, zone.size, ABOVE, extents)
-        goals = [Goal(sentence, group, (box,), metric) for sentence, group in self.ask(rng, bodies)]
-        self.max_steps = sum(len(goal.bodies) for goal in goals) + 1
-        return goals
+        return [Goal(sentence, group, (box,), metric) for sentence, group in asked]
 
-    @abstractmethod
-    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
-        """The names of the objects of an episode, for a box of ``count`` cells."""
-
-    @abstractmethod
-    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
-        """The sentences, each with the bodies that it means, from the names and the bodies on the table."""
+    def _draw_names(self, rng: np.random.Generator, count: int) -> list[str]:
+        if not self.group:
+            return draw(rng, self.object_names, count)
+        drawn = [str(name) for name in rng.choice(self.object_names, max(count, 4))]
+        named, distractor = draw(rng, self.object_names, 2)
+        return [named, named, distractor, distractor, *drawn[4:]]
 
     @override
     def expert(self, environment: Environment) -> ExpertAction | None:
@@ -142,34 +153,3 @@ def moved(outline: Polygon, pose: Pose2) -> Polygon:
     cosine = math.cos(pose.yaw)
     sine = math.sin(pose.yaw)
     return affinity.affine_transform(outline, [cosine, -sine, sine, cosine, pose.x, pose.y])
-
-
-@register("packing-google-objects-seq", {"seen": {}, "unseen": {"unseen": True}})
-class PackingObjectsInTurn(PackingObjects):
-    """Different objects; one or more of them are named one after another. The others are distractors."""
-
-    @override
-    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
-        return draw(rng, self.object_names, count)
-
-    @override
-    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
-        named = bodies[: int(rng.integers(1, max(2, len(bodies))))]
-        return [(f"pack the {name} in the brown box", (body,)) for name, body in named]
-
-
-@register("packing-google-objects-group", {"seen": {}, "unseen": {"unseen": True}})
-class PackingObjectsByName(PackingObjects):
-    """At least two objects with the named name, at least two with another name, and others. One sentence for all."""
-
-    @override
-    def choose(self, rng: np.random.Generator, count: int) -> list[str]:
-        drawn = [str(name) for name in rng.choice(self.object_names, max(count, 4))]
-        named, distractor = draw(rng, self.object_names, 2)
-        return [named, named, distractor, distractor, *drawn[4:]]
-
-    @override
-    def ask(self, rng: np.random.Generator, bodies: list[tuple[str, Body]]) -> list[tuple[str, tuple[Body, ...]]]:
-        named = bodies[0][0]
-        group = tuple(body for name, body in bodies if name == named)
-        return [(f"pack all the {named} objects in the brown box", group)]

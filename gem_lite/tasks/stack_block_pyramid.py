@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from typing_extensions import override
@@ -52,20 +51,15 @@ class StackBlockPyramid(Task):
             size = (width, SPACING, thickness)
             plate = shapes.add_box(environment.client, size, rgba, base @ Pose2(0, y), movable=False)
             self.put(environment, plate, name)
-        blocks = []
-        for color in self.named_colors:
-            block = shapes.add_block(environment.client, colors.rgba(color), free.take(*BLOCK_EXTENT))
-            blocks.append(self.put(environment, block, f"{color} block"))
+        a, b, c, d, e, _ = self.named_colors
+        places = (*PLATES, f"{a} and {b} blocks", f"{b} and {c} blocks", f"{d} and {e} blocks")
         goals = []
-        for sentence, block, (y, layer) in zip(sentences(self.named_colors), blocks, SPOTS, strict=True):
+        for color, place, (y, layer) in zip(self.named_colors, places, SPOTS, strict=True):
+            block = shapes.add_block(environment.client, colors.rgba(color), free.take(*BLOCK_EXTENT))
+            self.put(environment, block, f"{color} block")
             height = thickness + (layer + 0.5) * shapes.BLOCK_SIZE
             # A block lies parallel to the base; a cube looks the same after a quarter turn.
             on_spot = PoseMetric(TOLERANCE, QUARTER, YAW_TOLERANCE, height, TOLERANCE)
+            sentence = f"put the {color} block on the {place}"
             goals.append(Goal(sentence, (block,), (base @ Pose2(0, y),), on_spot, grasp_symmetry=QUARTER))
         return goals
-
-
-def sentences(named: Sequence[str]) -> list[str]:
-    """The six sentences for blocks of six colours."""
-    pairs = [f"{left} and {right} blocks" for left, right in (named[0:2], named[1:3], named[3:5])]
-    return [f"put the {color} block on the {place}" for color, place in zip(named, [*PLATES, *pairs], strict=True)]
