@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -111,9 +111,10 @@ class Workspace:
         """``(row, col)`` to world ``(x, y)`` in metres; the inverse of `to_pixel`."""
         return self.x_min + (col + 0.5) * self.pixel, self.y_max - (row + 0.5) * self.pixel
 
-    def contains(self, x: float, y: float, margin: float = 0.0) -> bool:
+    def contains(self, x: Length, y: Length, margin: float = 0.0) -> Any:  # noqa: ANN401 (a bool, or an array of them)
         """Whether ``(x, y)`` lies at least ``margin`` metres inside: x_min <= x < x_max, y_min < y <= y_max."""
-        return self.x_min + margin <= x < self.x_max - margin and self.y_min + margin < y <= self.y_max - margin
+        inside_x = (x >= self.x_min + margin) & (x < self.x_max - margin)
+        return inside_x & (y > self.y_min + margin) & (y <= self.y_max - margin)
 
     def nearest_pose(self, pose: Pose2) -> Pose2:
         """The pose nearest to ``pose``, with the same yaw, that lies at least half a cell inside."""
@@ -126,11 +127,17 @@ class Workspace:
         """The cell whose centre is nearest to ``(x, y)``. Raises ValueError outside the workspace."""
         if not self.contains(x, y):
             raise ValueError(f"x, y = {x:.3f}, {y:.3f} m lies outside the workspace {self}")
+        row, col = divmod(int(self.cells(np.array(x), np.array(y))), self.shape[1])
+        return row, col
+
+    def cells(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The flat indices of the cells whose centres are nearest to points inside the workspace."""
         row, col = self.to_pixel(x, y)
         # round() would send halves to even cells. The result is clipped, because rounding errors may push a point
         # over an edge.
         rows, cols = self.shape
-        return min(math.floor(row + 0.5), rows - 1), min(math.floor(col + 0.5), cols - 1)
+        row = np.clip(np.floor(row + 0.5).astype(np.int64), 0, rows - 1)
+        return row * cols + np.clip(np.floor(col + 0.5).astype(np.int64), 0, cols - 1)
 
 
 def quaternion(yaw: float) -> tuple[float, float, float, float]:
@@ -186,10 +193,7 @@ class ImageMotion:
 
 
 def rotate_image(
-    image: torch.Tensor,
-    angles: torch.Tensor,
-    shift: tuple[float, float] = (0.0, 0.0),
-    mode: str = "bilinear",
+    image: torch.Tensor, angles: torch.Tensor, shift: tuple[float, float] = (0.0, 0.0), mode: str = "bilinear"
 ) -> torch.Tensor:
     """Turn pictures counter-clockwise about their centre, then shift them by (rows, cols).
 

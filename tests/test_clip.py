@@ -236,7 +236,7 @@ def test_vit_b_32_has_the_papers_size_and_prepares_pictures_as_openai_does(tmp_p
     view = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)
     embeddings = patches.embed_patches(view, patches.PatchGrid((480, 640), 160, 160), big)
     assert embeddings.values.shape == (3, 4, 512)
-    scores = embeddings.score(semantic_map.embed_phrase("red block", big, semantic_map.TEMPLATES))
+    scores = embeddings.score(semantic_map.embed_phrase("red block", big))
     assert scores.shape == (480, 640) and scores.std() > 0
 
 

@@ -9,7 +9,7 @@ from torch.utils.data import ConcatDataset
 
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.evaluation import collecting
-from gem_lite.maps.crop_memory import demonstrated_crops
+from gem_lite.maps.crop_memory import collect_crops
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.policies.gem import Gem
@@ -72,7 +72,7 @@ def test_a_policy_learns_pushes_and_pushes_if_the_sentence_says_so(demo_set, mod
     policy.remember(demos)
     count = sum(len(demonstration.steps) for demonstration in demos)
     assert len(policy.memory.entries) == 2 * count  # the start and the end of every push
-    crops = list(demonstrated_crops(demos, SMALL.workspace, SMALL.top_patch))
+    crops = list(collect_crops(demos, SMALL.workspace, SMALL.top_patch))
     assert crops[0].phrase.endswith("blocks") and crops[1].phrase.endswith("bowl")
     sample = next(policy.prepare(demos))[1]
     action = demos[0].steps[0].expert.action

@@ -106,17 +106,6 @@ def test_fuse_is_the_weighted_mean():
         fuse(text, image, 0, 0)
 
 
-def test_top_patches_of_another_size_are_those_of_a_scene_embedded_with_it(scene_and_truth, model):
-    scene, _, _, observation = scene_and_truth
-    matched = LITE.ablated("with-matched-single-view")
-    other = semantic_map.with_top_patches(scene, model, matched)
-    assert (other.top.grid.patch, other.top.grid.stride) == (14, 7)
-    assert (scene.top.grid.patch, scene.top.grid.stride) == (20, 10), "the scene keeps its own"
-    assert other.sides is scene.sides
-    whole = semantic_map.embed_scene(observation.views, model, matched)
-    assert torch.allclose(other.top.values, whole.top.values, atol=1e-5)
-
-
 def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):
     scene, _, _, observation = scene_and_truth
     noise = np.random.default_rng(0).integers(0, 255, observation.views[0].rgb.shape, np.uint8)
@@ -194,26 +183,3 @@ def test_frame_average_keeps_a_score_of_single_pixels_and_not_one_of_places():
 def test_bad_frames_are_named(shape, kind, rotations, name):
     with pytest.raises(ValueError, match=name):
         frame_averaged(lambda picture: picture[..., 0], np.zeros(shape, kind), rotations)
-
-
-def test_templates_average_the_wordings(model):
-    wordings = model.embed_texts(["red block", "a red block"]).cpu()
-    mean = wordings.mean(dim=0)
-    found = semantic_map.embed_phrase("red block", model, ["{}", "a {}"])
-    assert torch.allclose(found, mean / mean.norm(), atol=1e-6)
-    assert torch.allclose(semantic_map.embed_phrase("red block", model), wordings[0], atol=1e-6)
-    with pytest.raises(ValueError, match="templates"):
-        semantic_map.embed_phrase("red block", model, ["a photo"])
-    with pytest.raises(ValueError, match="phrase"):
-        semantic_map.embed_phrase(" ", model, semantic_map.TEMPLATES)
-
-
-def test_contrast_takes_off_what_other_phrases_score(scene_and_truth, model):
-    scene, task, _, _ = scene_and_truth
-    block, bowl = task.named_colors
-    plain = semantic_map.text_conditioned_map(scene, f"{block} block", model)
-    other = semantic_map.text_conditioned_map(scene, f"{bowl} bowl", model)
-    contrasted = semantic_map.text_conditioned_map(scene, f"{block} block", model, against=[f"{bowl} bowl"])
-    assert np.allclose(contrasted, plain - np.maximum(other, 0), atol=1e-6)
-    there = np.unravel_index(other.argmax(), other.shape)
-    assert contrasted[there] < plain[there] - 0.5

@@ -230,7 +230,7 @@ def test_a_tag_on_the_table_gives_the_cameras_pose_and_is_drawn(begun):
     with pytest.raises(tags.LocalisationError, match="tag 500 is not in the picture"):
         tags.camera_in_table(view.rgb, view.camera.matrix, 500, begun.tag)
     away = np.ones(MOBILE.workspace.shape)
-    fig = plot_mobile.show_localisation(view, tags.find_tags(view)[0], away, MOBILE.workspace)
+    fig = plot_mobile.show_localisation(view, tags.find_tags(view.rgb)[0], away, MOBILE.workspace)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert plot_mobile.photograph(begun).shape == (480, 640, 3)
 

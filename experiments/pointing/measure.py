@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from gem_lite.evaluation.results import Episode
 from gem_lite.foundations import colors
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
+from gem_lite.maps.patches import embed_patches, top_grid
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.heightmap import fuse_views
@@ -77,7 +79,8 @@ def maps(
     """
     text = semantic_map.text_conditioned_map(embedding, phrase, model)
     image = semantic_map.image_conditioned_map(embedding, phrase, model, memory)
-    matched = semantic_map.with_top_patches(embedding, model, LITE.ablated(f"with-{MATCHED}"))
+    grid = top_grid(LITE.ablated(f"with-{MATCHED}"))
+    matched = replace(embedding, embed_top=partial(embed_patches, embedding.heightmap.rgb, grid, model))
     by_name = {
         "fused": text,
         WIDE: semantic_map.text_conditioned_map(wide, phrase, model),
@@ -145,7 +148,7 @@ def demonstrated_crops(kind: str, model: Clip) -> CropMemory:
     """The crop memory for a kind of scene, from ten training episodes or scenes in the seen colours."""
     if kind == "bowls":
         demos = demonstrations.load(DEMONSTRATIONS)
-        return CropMemory(crop_memory.demonstrated_crops(demos, LITE.workspace, LITE.top_patch), model)
+        return CropMemory(crop_memory.collect_crops(demos, LITE.workspace, LITE.top_patch), model)
     entries = []
     with World() as world:
         for index in range(TRAINING_SCENES):

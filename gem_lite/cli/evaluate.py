@@ -8,23 +8,10 @@ from gem_lite.cli.base import Clip, File, Import, Out, Processes, Split, World
 
 
 def evaluate(
-    method: str,
-    task: str,
-    /,
-    *,
-    checkpoint: Path | None = None,
-    episodes: int = 100,
-    start: int = 0,
-    split: Split = "test",
-    skip: tuple[int, ...] = (),
-    world: World = "home",
-    clip: Clip = None,
-    preset: str = "lite",
-    processes: Processes = None,
-    file: File = False,
-    out: Out = None,
-    import_: Import = (),
-) -> None:
+    method: str, task: str, /, *, checkpoint: Path | None = None, episodes: int = 100, start: int = 0,
+    split: Split = "test", skip: tuple[int, ...] = (), world: World = "home", clip: Clip = None, preset: str = "lite",
+    processes: Processes = None, file: File = False, out: Out = None, import_: Import = (),
+) -> None:  # fmt: skip
     """Measure a policy over episodes of a task.
 
     Prints the mean with its 95 % interval and writes the rows.
@@ -56,22 +43,11 @@ def evaluate(
 
 
 def several_tables(
-    checkpoint: Path,
-    /,
-    *,
-    tasks: tuple[str, ...] = ("object-sorting-seen", "object-sorting-unseen"),
-    episodes: int = 100,
-    start: int = 0,
-    split: Split = "test",
-    tables: int = 2,
-    curve: bool = False,
-    world: World = "home",
-    clip: Clip = None,
-    processes: Processes = None,
-    file: File = False,
-    out: Out = None,
+    checkpoint: Path, /, *, tasks: tuple[str, ...] = ("object-sorting-seen", "object-sorting-unseen"),
+    episodes: int = 100, start: int = 0, split: Split = "test", tables: int = 2, curve: bool = False,
+    world: World = "home", clip: Clip = None, processes: Processes = None, file: File = False, out: Out = None,
     import_: Import = (),
-) -> None:
+) -> None:  # fmt: skip
     """Measure a policy over several tables, with their poses from tags and with their true poses.
 
     Writes all rows.
@@ -95,21 +71,15 @@ def several_tables(
 
     conditions = (*table_poses.BOTH, *(table_poses.CURVE if curve else ()))
     method = read_card(checkpoint)["method"]
-    measurements = [
-        Measurement(
-            method, task, episodes, split, start, checkpoint, clip, world, tables=tables, conditions=conditions
-        )
-        for task in tasks
-    ]  # fmt: skip
+    common = episodes, split, start, checkpoint, clip, world
+    measurements = [Measurement(method, task, *common, tables=tables, conditions=conditions) for task in tasks]
     for measurement in measurements:  # All tasks before the first is measured.
         measurement.check()
     for measurement in measurements:
         path = results.output(file, out, family(measurement.task))
         rows, errors = measure_and_file(measurement, path, processes)
         for row in rows:
-            print(
-                f"{measurement.task}, {row['poses']}, {row['shift']} m, {row['turn']} rad: {row['mean']} {row['ci95']}"
-            )
+            print("{task}, {poses}, {shift} m, {turn} rad: {mean} {ci95}".format(**row))
         for error in errors:
             print(error)
         print(f"the rows are in {path}")

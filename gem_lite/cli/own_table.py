@@ -52,7 +52,6 @@ def check_cameras(
     from gem_lite.drawing import plot_own_table
     from gem_lite.maps import places
     from gem_lite.rgbd import camera_check
-    from gem_lite.rgbd.camera_mistakes import cloud
     from gem_lite.rgbd.heightmap import fuse_views
     from gem_lite.rgbd.observation import Observation, read_raw
 
@@ -60,14 +59,14 @@ def check_cameras(
     gem = load(policy, rectangle, clip)
     workspace = gem.config.workspace
     mistakes = [f"{', '.join(one.cameras)}: {one.sentence}" for one in camera_check.check(raw, workspace)]
-    found = camera_check.fit([cloud(view) for view in raw], workspace)
+    found = camera_check.fit([camera_check.cloud(view) for view in raw], workspace)
     for view, share in zip(raw, found.covered, strict=True):
         print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace")
     for (first, second), share in found.pairs.items():
         print(f"{raw[first].name} and {raw[second].name} agree about {100 * share:.0f} % of what stands there")
     if not mistakes:
         views = Observation(tuple(view.view() for view in raw)).views
-        draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, path(out, folder))
+        draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, out, folder)
         if phrases and places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
             mistakes.append(BGR)
     if mistakes:
@@ -108,21 +107,19 @@ def look(
     fused = {phrase: maps[phrase].fused for phrase in phrases}
     best = {phrase: places.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
     refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
+    shown = action if isinstance(action, PickPlace) else None
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
         "maps": plots.show_maps([(title, semantic) for title, semantic in parts.items() if semantic is not None]),
-        "look": plot_own_table.show_look(
-            scene.heightmap, fused, best, action if isinstance(action, PickPlace) else None
-        ),
+        "look": plot_own_table.show_look(scene.heightmap, fused, best, shown),
     }
-    draw(figures, path(out, folder))
     content = {
         "text": text,
         "places": {phrase: [dataclasses.asdict(place) for place in of_phrase] for phrase, of_phrase in best.items()},
         "refusals": refusals,
         "action": None if action is None else dataclasses.asdict(action),
     }
-    file = path(out, folder) / "look.json"
+    file = draw(figures, out, folder) / "look.json"
     write_atomically(file, json.dumps(content, indent=1).encode())
     for reason in filter(None, refusals.values()):
         print(reason)
@@ -159,14 +156,11 @@ def read(policy: gem.Gem, text: str) -> Queries | str:
             raise ValueError(f"text must be a sentence or name a thing: {error}") from None
 
 
-def path(out: Path | None, folder: Path) -> Path:
-    """The folder to write."""
-    return out or Path("runs") / "look" / folder.resolve().name
-
-
-def draw(figures: dict[str, Figure], folder: Path) -> None:
-    """Write figures into a folder, each into a file of its name."""
+def draw(figures: dict[str, Figure], out: Path | None, scene: Path) -> Path:
+    """Write figures, each into a file of its name, into ``out`` or the folder for a scene. Returns this folder."""
+    folder = out or Path("runs") / "look" / scene.resolve().name
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=110)
         print(f"wrote {folder / name}.png")
+    return folder

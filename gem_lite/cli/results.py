@@ -76,12 +76,7 @@ def described(row: dict) -> str:
 
 def described_pointing(row: dict) -> str:
     """A row of the pointing game in one line."""
-    near = next(value for name, value in row.items() if name.startswith("within_"))
-    return (
-        f"{row['scenes']}, {row['map']}: near {_rate_text(near)}, exact {_rate_text(row['exact'])}, "
-        f"{row['phrases']} phrases, {row['without_crop']} more had no crop"
-    )
-
-
-def _rate_text(share: dict | None) -> str:
-    return "None" if share is None else "{mean} {ci95}".format(**share)
+    shares = (next(value for name, value in row.items() if name.startswith("within_")), row["exact"])
+    near, exact = ("None" if share is None else "{mean} {ci95}".format(**share) for share in shares)
+    counts = f"{row['phrases']} phrases, {row['without_crop']} more had no crop"
+    return f"{row['scenes']}, {row['map']}: near {near}, exact {exact}, {counts}"

@@ -17,13 +17,12 @@ if TYPE_CHECKING:
     from gem_lite.config import Config
 
 
-def choose(*, method: str | None = None, preset: str = "lite", import_: Import = ()) -> tuple[str | None, str]:
-    """The method and the preset of a command line: they decide which other options it may have."""
-    return method, preset
-
-
 def train(*words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
     """Read the options that choose the configuration, then all of them. For a help, torch is loaded on demand alone."""
+
+    def choose(*, method: str | None = None, preset: str = "lite", import_: Import = ()) -> tuple[str | None, str]:
+        return method, preset
+
     chooser = make_app("gem-lite train", None, help_flags=())
     chooser.default(choose)
     _, chosen, *_ = chooser.parse_known_args(words)
@@ -47,15 +46,9 @@ APP.default(train)
 def options(config: Config) -> type:
     """A dataclass of a configuration's entries, whose defaults are the configuration's values."""
     hints = get_type_hints(type(config))
-    fields = [
-        # As a choice, a switch has a value on the command line: its default may be True.
-        (
-            entry.name,
-            Literal[True, False] if hints[entry.name] is bool else hints[entry.name],
-            getattr(config, entry.name),
-        )
-        for entry in dataclasses.fields(config)
-    ]
+    # As a choice, a switch has a value on the command line: its default may be True.
+    kinds = {name: Literal[True, False] if kind is bool else kind for name, kind in hints.items()}
+    fields = [(entry.name, kinds[entry.name], getattr(config, entry.name)) for entry in dataclasses.fields(config)]
     explained = "\n".join(filter(None, map(_attributes, type(config).__mro__)))
     own = {"__doc__": f"The configuration.\n\nAttributes:\n{explained}", "__module__": __name__}
     return dataclasses.make_dataclass("Options", fields, namespace=own)
@@ -67,22 +60,11 @@ def _attributes(kind: type) -> str:
 
 
 def start(
-    demonstrations: Path,
-    checkpoint: Path,
-    /,
-    *,
-    method: str = "gem",
-    preset: str = "lite",
-    episodes: int | None = None,
-    seed: int = 0,
-    clip: Clip = None,
-    device: Literal["cpu", "cuda"] = "cpu",
-    state: Path | None = None,
-    prepared: Path | None = None,
-    also: tuple[Path, ...] = (),
-    import_: Import = (),
+    demonstrations: Path, checkpoint: Path, /, *, method: str = "gem", preset: str = "lite",
+    episodes: int | None = None, seed: int = 0, clip: Clip = None, device: Literal["cpu", "cuda"] = "cpu",
+    state: Path | None = None, prepared: Path | None = None, also: tuple[Path, ...] = (), import_: Import = (),
     config: Any = None,  # noqa: ANN401 (`train` sets its type)
-) -> None:
+) -> None:  # fmt: skip
     """Train a method from demonstrations.
 
     A stopped training continues. With several processes (`accelerate launch
@@ -126,10 +108,8 @@ def start(
             demonstrations, checkpoint, kind, values, state, seed, episodes, clip, device, also, prepared
         )
     if card:
-        print(
-            f"wrote {checkpoint} after {card['train_seconds']:.0f} s of training {card['method']} "
-            f"on {card['demos']} demonstrations"
-        )
+        training = "{train_seconds:.0f} s of training {method} on {demos} demonstrations".format(**card)
+        print(f"wrote {checkpoint} after {training}")
 
 
 def state_folder(checkpoint: Path) -> Path:

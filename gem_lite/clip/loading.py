@@ -68,14 +68,11 @@ class Preprocessing:
 WANTED = {
     "configuration": ("config.json",),
     "weights": (
-        "model.safetensors",
-        "model.safetensors.index.json",
-        "pytorch_model.bin",
-        "pytorch_model.bin.index.json",
+        "model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json",
     ),
     "tokenizer": ("tokenizer.json", "vocab.json"),
     "preprocessing": ("preprocessor_config.json", "processor_config.json"),
-}
+}  # fmt: skip
 """What a CLIP's folder must hold: for each part one of these files."""
 
 

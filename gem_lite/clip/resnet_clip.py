@@ -25,6 +25,7 @@ class ResNetClip(VisionTextDualEncoderModel):
     """
 
     config_class = ResNetClipConfig
+    config: Any
     vision_model: Any  # transformers gives it no other type than Module
 
     def __init__(self, config: ResNetClipConfig) -> None:
@@ -33,13 +34,9 @@ class ResNetClip(VisionTextDualEncoderModel):
         self.vision_model.pooler = nn.Sequential(self.vision_model.pooler, nn.Flatten())
 
     @property
-    def _vision_config(self) -> Any:  # noqa: ANN401 (transformers knows no more than that it is a configuration)
-        return self.config.vision_config
-
-    @property
     def stages(self) -> int:
         """The number of the image tower's stages. After stage s, the resolution is 2^s times lower."""
-        return len(self._vision_config.depths)
+        return len(self.config.vision_config.depths)
 
     def feature_map(self, pixels: torch.Tensor, stage: int) -> torch.Tensor:
         """The features after a stage of the image tower, before pooling: (N, 3, H, W) to (N, h, w, channels).
@@ -51,7 +48,7 @@ class ResNetClip(VisionTextDualEncoderModel):
         Args:
             stage: from 1 to `stages`.
         """
-        shift = -self._vision_config.image_size % 2**stage // 2
+        shift = -self.config.vision_config.image_size % 2**stage // 2
         x = F.pad(pixels[..., shift:, shift:], (0, shift, 0, shift), mode="replicate")
         x = self.vision_model.embedder(x)
         for layers in self.vision_model.encoder.stages[:stage]:

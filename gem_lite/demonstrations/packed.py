@@ -23,9 +23,8 @@ def read(path: Path, content: bytes) -> Demonstration:
     try:
         return _read(content)
     except Exception as error:  # A file of another program can have any error.
-        raise ValueError(
-            f"the demonstration {path} lacks a part or has a wrong one: {type(error).__name__}: {error}"
-        ) from error
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"the demonstration {path} lacks a part or has a wrong one: {reason}") from error
 
 
 def _read(content: bytes) -> Demonstration:

@@ -237,8 +237,6 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
 
 def quantized(observation: Observation) -> Observation:
     """The observation with its depth in the steps of `DEPTH_SCALE`. Raises ValueError: see `depth_steps`."""
-    views = []
-    for view in observation.views:
-        depth = depth_steps(view, DEPTH_SCALE).astype(np.float32) * np.float32(DEPTH_SCALE)
-        views.append(dataclasses.replace(view, depth=depth))
-    return Observation(tuple(views))
+    depths = [depth_steps(view, DEPTH_SCALE) * np.float32(DEPTH_SCALE) for view in observation.views]
+    pairs = zip(observation.views, depths, strict=True)
+    return Observation(tuple(dataclasses.replace(view, depth=depth) for view, depth in pairs))

@@ -5,13 +5,7 @@
 """
 
 from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
-from gem_lite.language.phrases import (
-    LOCATION_CODE_LENGTH,
-    conjuncts,
-    location_code,
-    location_in_front,
-    split_location,
-)
+from gem_lite.language.phrases import LOCATION_CODE_LENGTH, conjuncts, location_code, location_in_front, split_location
 from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query
 from gem_lite.language.word_lists import PLACING, VERBS
 

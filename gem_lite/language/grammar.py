@@ -35,18 +35,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NoReturn
 
-from gem_lite.language import word_lists
-from gem_lite.language.phrases import (
-    TOKEN,
-    adjectives_alone,
-    conjuncts,
-    is_reserved,
-    shares_noun,
-    split_location,
-    stray_location,
-    with_location,
-    without_determiner,
-)
+from gem_lite.language import phrases, word_lists
 from gem_lite.language.queries import PARSERS, Queries
 from gem_lite.language.word_lists import DETERMINERS, PARTICLES, PLACING, SIDES, VERBS
 
@@ -89,7 +78,7 @@ class _Reader:
 
     def __init__(self, instruction: str) -> None:
         self.instruction = instruction
-        self.words = TOKEN.findall(instruction.lower())
+        self.words = phrases.TOKEN.findall(instruction.lower())
         self.position = 0
         self.named: set[int] = set()  # the indices of words in `NAMES_WITH_RESERVED`
         for name in (name.split() for name in word_lists.NAMES_WITH_RESERVED):
@@ -139,7 +128,7 @@ class _Reader:
         phrase = self.phrase()
         part = self.part() if phrase else ""
         if part:  # "by its left handle"
-            self.check_location(split_location(f"{phrase} {part}")[1])
+            self.check_location(phrases.split_location(f"{phrase} {part}")[1])
         return f"{phrase} {part}".strip()
 
     def place(self) -> str:
@@ -149,7 +138,7 @@ class _Reader:
         self.refuse_rest()
         if not phrase:
             self.refuse("names no place")
-        if not shares_noun(phrase):
+        if not phrases.shares_noun(phrase):
             self.refuse(f"names several places, {phrase!r}; say one place")
         if self.words[start] in word_lists.OF_SEVERAL:
             self.refuse(f"says {self.words[start]!r} of a place; say one place")
@@ -173,11 +162,11 @@ class _Reader:
         phrase = _text(words)
         wording = self.location()
         try:
-            things = conjuncts(phrase)
+            things = phrases.conjuncts(phrase)
         except ValueError:
             self.refuse(f"names nothing on one side of 'and' in {phrase!r}")
         located = [f"{thing} {wording}".strip() for thing in things]
-        word, thing = split_location(located[0])
+        word, thing = phrases.split_location(located[0])
         if word is None or len(things) > 1:
             for each in located:
                 self.check_location(each)
@@ -186,11 +175,11 @@ class _Reader:
         if first in word_lists.NO_THINGS and rest[:1] in ([], ["of"]):
             self.refuse(f"names no thing but the {word} {first} of something")
         self.check_location(thing)
-        return with_location(word, thing)
+        return phrases.with_location(word, thing)
 
     def check_location(self, thing: str) -> None:
         """Raises ValueError if a thing has a location word that is not read."""
-        word = split_location(thing)[0] or stray_location(thing.split())
+        word = phrases.split_location(thing)[0] or phrases.stray_location(thing.split())
         if word:
             self.refuse(f"says {word!r} where it is not understood; say it once, before the name of a single thing")
 
@@ -202,7 +191,7 @@ class _Reader:
             if self.words[self.position] in ("and", ","):
                 thing = self.position + 1
             self.position += 1
-        words = without_determiner(self.words[start : self.position])
+        words = phrases.without_determiner(self.words[start : self.position])
         if "," in words and "and" not in words[words.index(",") :]:
             self.position = start + self.words[start:].index(",")
             self.refuse_rest()
@@ -220,10 +209,12 @@ class _Reader:
         after = self.words[self.position + 1] if self.position + 1 < len(self.words) else ""
         if (before == "letter" and len(word) == 1 and word.isalnum()) or self.position in self.named:
             return False
-        member = without_determiner(self.words[thing : self.position])
+        member = phrases.without_determiner(self.words[thing : self.position])
         if word in ("and", ","):
             # Any other word after "and" could be an unknown verb: "and leave".
-            begins = after == "and" or after in (*DETERMINERS, *word_lists.ADJECTIVES) or adjectives_alone(member)
+            begins = (
+                after == "and" or after in (*DETERMINERS, *word_lists.ADJECTIVES) or phrases.adjectives_alone(member)
+            )
             return not (member and begins) or self.joint(self.position) > 0
         if word in DETERMINERS:
             return bool(before) and before not in ("of", "and", ",", *DETERMINERS) and word != "one"
@@ -233,7 +224,7 @@ class _Reader:
             return not before or not after
         if word == "with":
             return not before or after not in (*word_lists.ADJECTIVES, *word_lists.FEATURES)
-        return (word.isdigit() and not member) or is_reserved(word)
+        return (word.isdigit() and not member) or phrases.is_reserved(word)
 
     def location(self) -> str:
         """The rule ``LOCATION``, if the words after it do not continue the same thing; "" if it is missing."""

@@ -95,12 +95,9 @@ def stray_location(words: Sequence[str]) -> str | None:
     for number, word in enumerate(words[:-1]):
         if word not in (*LEADING, "front", "back") or (word in word_lists.BEFORE_OF and words[number + 1] == "of"):
             continue
-        behind = words[number + 2 : number + 3]
-        if names_by_side(words[number:]) and (
-            not behind or behind[0] in (*_BEHIND_A_NOUN, *word_lists.PARTS, "objects")
-        ):
-            continue
-        return word
+        behind = words[number + 2] if number + 2 < len(words) else "of"
+        if not names_by_side(words[number:]) or behind not in (*_BEHIND_A_NOUN, *word_lists.PARTS, "objects"):
+            return word
     return None
 
 

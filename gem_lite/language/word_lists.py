@@ -83,63 +83,43 @@ PLURALS = ("mice", "knives", "dice", "geese", "feet", "teeth", "people", "childr
 
 # Words that are never part of a phrase ------------------------------------------------------------------
 
-_RELATIONS = (
-    "about", "above", "across", "adjacent", "after", "against", "ahead", "along", "alongside", "amid", "among",
-    "amongst", "around", "at", "before", "behind", "below", "beneath", "beside", "besides", "between", "beyond", "by",
-    "close", "closer", "closest", "despite", "during", "far", "farther", "farthest", "for", "from", "further",
-    "furthest", "like", "minus", "near", "nearby", "nearer", "nearest", "next", "off", "onwards", "opposite", "out",
-    "outside", "over", "parallel", "past", "per", "perpendicular", "since", "through", "till", "touching", "toward",
-    "towards", "under", "underneath", "unlike", "until", "using", "versus", "via", "without",
-)  # fmt: skip
-_POSTURES = (
-    "called", "containing", "covered", "covering", "face-down", "face-up", "facing", "filled", "flipped", "hidden",
-    "holding", "inverted", "leaning", "located", "lying", "placed", "positioned", "resting", "rotated", "sitting",
-    "standing", "tilted", "turned", "upright", "upside", "wearing",
-)  # fmt: skip
-_MANNERS = (
-    "asap", "backward", "backwards", "care", "caution", "downward", "downwards", "fast", "faster", "forward",
-    "forwards", "halfway", "hurry", "immediate", "inward", "inwards", "midway", "outward", "outwards", "partway",
-    "pronto", "quick", "quicker", "sideways", "slow", "slower", "upward", "upwards",
-)  # fmt: skip
-_TIMES_AND_LENGTHS = (
-    "ago", "already", "always", "centimeter", "centimeters", "centimetre", "centimetres", "cm", "day", "days", "degree",
-    "degrees", "ever", "finally", "hour", "hours", "inch", "inches", "last", "later", "m", "meter", "meters", "metre",
-    "metres", "millimeter", "millimeters", "millimetre", "millimetres", "minute", "minutes", "mm", "moment", "never",
-    "now", "often", "once", "percent", "second", "seconds", "sometimes", "soon", "still", "third", "time", "times",
-    "today", "tomorrow", "tonight", "twice", "week", "weeks", "yesterday",
-)  # fmt: skip
-_AMOUNTS = (
-    "couple", "dozen", "eight", "enough", "everything", "few", "five", "four", "half", "least", "less", "many", "more",
-    "most", "much", "nine", "nobody", "none", "nothing", "seven", "several", "six", "ten", "three", "two", "zero",
-)  # fmt: skip
-_COMPARED = (
-    "another", "corresponding", "different", "first", "high", "higher", "highest", "identical", "inner", "innermost",
-    "lower", "lowermost", "lowest", "matching", "other", "outer", "outermost", "own", "rear", "same", "similar", "such",
-    "upper", "uppermost",
-)  # fmt: skip
-_COMMANDS = (
-    "abort", "cancel", "halt", "nevermind", "no", "ok", "okay", "oops", "pause", "sorry", "stop", "undo", "wait", "yes",
-)  # fmt: skip
-_OTHERS = (
-    "again", "almost", "also", "although", "am", "anyone", "anything", "anywhere", "apart", "are", "as", "aside",
-    "away", "be", "because", "been", "being", "but", "cannot", "could", "did", "direction", "do", "does", "either",
-    "else", "elsewhere", "even", "everywhere", "except", "excluding", "had", "has", "have", "he", "her", "here", "hers",
-    "him", "his", "how", "however", "i", "if", "including", "instead", "is", "it", "its", "itself", "just", "let",
-    "may", "maybe", "me", "might", "mine", "must", "n", "neither", "nor", "not", "nowhere", "or", "ours", "perhaps",
-    "please", "quite", "rather", "shall", "she", "should", "so", "somewhere", "straight", "than", "thank", "thanks",
-    "that", "their", "theirs", "them", "themselves", "then", "there", "these", "they", "this", "those", "though",
-    "together", "too", "unless", "us", "very", "was", "we", "well", "were", "what", "whatever", "when", "whenever",
-    "where", "wherever", "whether", "which", "whichever", "while", "who", "whoever", "whom", "whose", "why", "will",
-    "would", "yet", "you", "yours",
-)  # fmt: skip
-_CONTRACTIONS = (
-    "aint", "arent", "cant", "couldnt", "didnt", "doesnt", "dont", "hasnt", "havent", "im", "isnt", "ive", "lets",
-    "shouldnt", "thats", "theres", "theyre", "wasnt", "werent", "whats", "wont", "wouldnt", "youre",
-)  # fmt: skip
 RESERVED = frozenset(
-    (*VERBS, *PARTICLES, *(word for word in PLACING if " " not in word), *_RELATIONS, *_POSTURES, *_MANNERS,
-     *_TIMES_AND_LENGTHS, *_AMOUNTS, *_COMPARED, *_COMMANDS, *_OTHERS, *_CONTRACTIONS)
+    (*VERBS, *PARTICLES, *(word for word in PLACING if " " not in word),
+     "abort", "about", "above", "across", "adjacent", "after", "again", "against", "ago", "ahead", "aint", "almost",
+     "along", "alongside", "already", "also", "although", "always", "am", "amid", "among", "amongst", "another",
+     "anyone", "anything", "anywhere", "apart", "are", "arent", "around", "as", "asap", "aside", "at", "away",
+     "backward", "backwards", "be", "because", "been", "before", "behind", "being", "below", "beneath", "beside",
+     "besides", "between", "beyond", "but", "by", "called", "cancel", "cannot", "cant", "care", "caution", "centimeter",
+     "centimeters", "centimetre", "centimetres", "close", "closer", "closest", "cm", "containing", "corresponding",
+     "could", "couldnt", "couple", "covered", "covering", "day", "days", "degree", "degrees", "despite", "did", "didnt",
+     "different", "direction", "do", "does", "doesnt", "dont", "downward", "downwards", "dozen", "during", "eight",
+     "either", "else", "elsewhere", "enough", "even", "ever", "everything", "everywhere", "except", "excluding",
+     "face-down", "face-up", "facing", "far", "farther", "farthest", "fast", "faster", "few", "filled", "finally",
+     "first", "five", "flipped", "for", "forward", "forwards", "four", "from", "further", "furthest", "had", "half",
+     "halfway", "halt", "has", "hasnt", "have", "havent", "he", "her", "here", "hers", "hidden", "high", "higher",
+     "highest", "him", "his", "holding", "hour", "hours", "how", "however", "hurry", "i", "identical", "if", "im",
+     "immediate", "inch", "inches", "including", "inner", "innermost", "instead", "inverted", "inward", "inwards", "is",
+     "isnt", "it", "its", "itself", "ive", "just", "last", "later", "leaning", "least", "less", "let", "lets", "like",
+     "located", "lower", "lowermost", "lowest", "lying", "m", "many", "matching", "may", "maybe", "me", "meter",
+     "meters", "metre", "metres", "midway", "might", "millimeter", "millimeters", "millimetre", "millimetres", "mine",
+     "minus", "minute", "minutes", "mm", "moment", "more", "most", "much", "must", "n", "near", "nearby", "nearer",
+     "nearest", "neither", "never", "nevermind", "next", "nine", "no", "nobody", "none", "nor", "not", "nothing", "now",
+     "nowhere", "off", "often", "ok", "okay", "once", "onwards", "oops", "opposite", "or", "other", "ours", "out",
+     "outer", "outermost", "outside", "outward", "outwards", "over", "own", "parallel", "partway", "past", "pause",
+     "per", "percent", "perhaps", "perpendicular", "placed", "please", "positioned", "pronto", "quick", "quicker",
+     "quite", "rather", "rear", "resting", "rotated", "same", "second", "seconds", "seven", "several", "shall", "she",
+     "should", "shouldnt", "sideways", "similar", "since", "sitting", "six", "slow", "slower", "so", "sometimes",
+     "somewhere", "soon", "sorry", "standing", "still", "stop", "straight", "such", "ten", "than", "thank", "thanks",
+     "that", "thats", "their", "theirs", "them", "themselves", "then", "there", "theres", "these", "they", "theyre",
+     "third", "this", "those", "though", "three", "through", "till", "tilted", "time", "times", "today", "together",
+     "tomorrow", "tonight", "too", "touching", "toward", "towards", "turned", "twice", "two", "under", "underneath",
+     "undo", "unless", "unlike", "until", "upper", "uppermost", "upright", "upside", "upward", "upwards", "us", "using",
+     "versus", "very", "via", "wait", "was", "wasnt", "we", "wearing", "week", "weeks", "well", "were", "werent",
+     "what", "whatever", "whats", "when", "whenever", "where", "wherever", "whether", "which", "whichever", "while",
+     "who", "whoever", "whom", "whose", "why", "will", "without", "wont", "would", "wouldnt", "yes", "yesterday", "yet",
+     "you", "youre", "yours", "zero")
 )  # fmt: skip
+"""Besides: relations, postures, manners, times, lengths, amounts, comparisons, commands, and what else is no thing."""
 NAMES_WITH_RESERVED = ("pepsi next box",)
 """Names of known things that have a word of `RESERVED`."""
 AT_THE_END = (

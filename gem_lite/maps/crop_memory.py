@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -40,6 +40,11 @@ class CropEntry:
     task: str
     episode: int
 
+    @property
+    def key(self) -> EpisodeKey:
+        """The demonstration that it comes from."""
+        return self.task, self.episode
+
     def __post_init__(self) -> None:
         if not isinstance(self.phrase, str) or not self.phrase.strip():
             raise ValueError(f"phrase must name what was acted on, got {self.phrase!r}")
@@ -51,11 +56,6 @@ class CropEntry:
         dtype = self.image.dtype
         if len(shape) != 3 or shape[-1] != 3 or 0 in shape or dtype != np.uint8:
             raise ValueError(f"image must be an (H, W, 3) uint8 picture, got {shape} {dtype}")
-
-    @property
-    def key(self) -> EpisodeKey:
-        """The demonstration that it comes from."""
-        return self.task, self.episode
 
 
 class CropMemory:
@@ -79,8 +79,6 @@ class CropMemory:
             raise ValueError(f"entries must hold pictures of one size, got {', '.join(map(str, shapes))}")
         self.keys = clip.embed_texts([entry.phrase for entry in self.entries]).cpu()
         self.values = clip.embed_images(np.stack([entry.image for entry in self.entries])).cpu()
-        self._numbers = {key: number for number, key in enumerate(dict.fromkeys(entry.key for entry in self.entries))}
-        self._episodes = torch.tensor([self._numbers[entry.key] for entry in self.entries])
 
     def find(self, query: torch.Tensor, hidden: EpisodeKey | None = None) -> tuple[int, float] | None:
         """Index and cosine of the nearest phrase to a text embedding (D,); None if no phrase may be searched.
@@ -96,8 +94,9 @@ class CropMemory:
         if query.shape != self.keys.shape[1:]:
             raise ValueError(f"query must have shape {tuple(self.keys.shape[1:])}, got {tuple(query.shape)}")
         similarity = self.keys @ query
-        if hidden in self._numbers:
-            similarity = similarity.masked_fill(self._episodes == self._numbers[hidden], -torch.inf)
+        if hidden is not None:
+            of_hidden = torch.tensor([entry.key == hidden for entry in self.entries])
+            similarity = similarity.masked_fill(of_hidden, -torch.inf)
         nearest = similarity.max()
         if torch.isinf(nearest):
             return None
@@ -164,43 +163,26 @@ def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeK
 
 
 def collect_crops(
-    demonstrations: Sequence[Demonstration], heightmaps: Sequence[HeightMap], side: float,
+    demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
     read: Callable[[str], Queries] = language.parse,
-) -> list[CropEntry]:  # fmt: skip
+) -> Iterator[CropEntry]:  # fmt: skip
     """The crops of every event of the demonstrations, from before the action (Sec. 3.1).
 
     Args:
-        heightmaps: one for each step's observation, in the order of episodes and steps.
+        workspace: of the height maps from which they are cut.
         side: of a crop, in metres.
         read: gives each crop its phrase.
 
     Raises:
-        ValueError: another number of height maps, an instruction that is refused, or a ``side`` that `cut` refuses.
-    """
-    steps = [(key, step) for key, demonstration in numbered(demonstrations) for step in demonstration.steps]
-    if len(heightmaps) != len(steps):
-        raise ValueError(f"heightmaps must be one for each of {len(steps)} steps, got {len(heightmaps)}")
-    return [
-        CropEntry(str(getattr(read(step.instruction), kind)), cut(heightmap, pose, side), *key)
-        for (key, step), heightmap in zip(steps, heightmaps, strict=True)
-        for kind, pose in step_events(step)
-    ]
-
-
-def demonstrated_crops(
-    demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
-    read: Callable[[str], Queries] = language.parse,
-) -> Iterator[CropEntry]:  # fmt: skip
-    """`collect_crops` of demonstrations whose height maps are made here, one episode at a time.
-
-    Raises:
         ValueError: an instruction that is refused, or a ``side`` that `cut` refuses.
     """
-    for (task, episode), demonstration in numbered(demonstrations):
-        heightmaps = [fuse_views(step.observation.views, workspace) for step in demonstration.steps]
-        for crop in collect_crops([demonstration], heightmaps, side, read):
-            # A copy: what `cut` returns would keep the whole height map.
-            yield replace(crop, image=crop.image.copy(), task=task, episode=episode)
+    for key, demonstration in numbered(demonstrations):
+        for step in demonstration.steps:
+            heightmap = fuse_views(step.observation.views, workspace)
+            for kind, pose in step_events(step):
+                phrase = str(getattr(read(step.instruction), kind))
+                # A copy: what `cut` returns would keep the whole height map.
+                yield CropEntry(phrase, cut(heightmap, pose, side).copy(), *key)
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.foundations import colors
 from gem_lite.language import Query, word_lists
-from gem_lite.maps.semantic_map import TEMPLATES, SceneEmbedding
+from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
 from gem_lite.se2 import Workspace
 
@@ -58,6 +58,8 @@ OTHER_NOUNS = (
     "spoon", "scissors", "cup", "pan", "shoe", "cone", "car", "book", "screwdriver", "toy train",
 )  # fmt: skip
 """Nouns that a thing on a table may have. Give others for a table with other things."""
+
+_STARTS = ("a", "the", "a photo of a", "a picture of the")
 
 
 @dataclass(frozen=True)
@@ -115,10 +117,9 @@ def knows(clip: Clip, phrase: str) -> bool:
     The embedding of a word that it never read changes at random, so that its scores cannot be compared with others.
     Two phrases mean the same if their cosine is at least the CLIP's retrieval threshold.
     """
-    endings = ("s", "x", "sh", "ch")
-    plural = phrase if phrase.endswith("s") else phrase + ("es" if phrase.endswith(endings) else "s")
+    plural = phrase if phrase.endswith("s") else phrase + ("es" if phrase.endswith(("x", "sh", "ch")) else "s")
     try:
-        own, *others = clip.embed_texts([phrase, plural, *(template.format(phrase) for template in TEMPLATES)])
+        own, *others = clip.embed_texts([phrase, plural, *(f"{start} {phrase}" for start in _STARTS)])
     except ValueError:  # One of these wordings is longer than what the CLIP reads.
         return False
     return all(float(own @ other) >= clip.calibration.retrieval_threshold for other in others)
@@ -173,10 +174,8 @@ def fit(
     semantic = source.map(scene, phrase)
     masks = rising + [_near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
     wanted = _scores(semantic, masks)  # (things,)
-    rivals = np.full((max(1, len(others)), len(masks)), -np.inf)  # (alternatives, things)
-    for number, other in enumerate(others):
-        rivals[number] = _scores(source.map(scene, other), masks)
-    margins = wanted - rivals.max(axis=0)
+    rivals = np.array([_scores(source.map(scene, other), masks) for other in others])  # (alternatives, things)
+    margins = wanted - rivals.max(axis=0, initial=-np.inf)
     enough = (wanted >= LOWEST_SCORE) | is_vague(phrase)
     best = int(np.where(enough, margins, -np.inf).argmax()) if enough.any() else int(wanted.argmax())
     rows, cols = np.nonzero(masks[best])
@@ -194,11 +193,8 @@ def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> 
 
 def _scores(semantic: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
     """The score of each thing on a map."""
-    scores = []
-    for mask in masks:
-        values = np.sort(semantic[mask])
-        scores.append(values[-max(1, round(BEST_SHARE * len(values))) :].mean())
-    return np.array(scores)
+    best = (np.sort(semantic[mask])[-max(1, round(BEST_SHARE * mask.sum())) :] for mask in masks)
+    return np.array([values.mean() for values in best])
 
 
 def refusal(
@@ -217,7 +213,8 @@ def refusal(
         if not isinstance(query, str):
             continue
         members = language.conjuncts(query)
-        reasons = [_reason(scene, member, source, nouns, lowest_margin) for member in members]
+        phrases = [language.split_location(member)[1] for member in members]
+        reasons = [_reason(phrase, fit(scene, phrase, source, nouns), lowest_margin) for phrase in phrases]
         missing = [reason for reason in reasons if reason is not None]
         if missing and (len(missing) == len(members) or not _one_group(members)):
             return missing[0]
@@ -230,19 +227,15 @@ def _one_group(members: Sequence[str]) -> bool:
     return len(nouns) == 1 and nouns.pop().endswith("s") and all(_color(member.split()) for member in members)
 
 
-def _reason(
-    scene: SceneEmbedding, member: str, source: MapSource, nouns: Sequence[str], lowest_margin: float
-) -> str | None:  # fmt: skip
-    """Why nothing on the table is what a phrase without "and" names; None if something is."""
-    _, phrase = language.split_location(member)
-    found = fit(scene, phrase, source, nouns)
+def _reason(phrase: str, found: PhraseFit | None, lowest_margin: float) -> str | None:
+    """Why the thing that fits a phrase best is not what it names; None if it is."""
     if found is None:
         return f'there is no "{phrase}": nothing lies on the table'
-    if found.score < LOWEST_SCORE and not is_vague(phrase):
+    if is_vague(phrase):
+        lowest_margin = max(lowest_margin, LOWEST_COLOR_MARGIN)
+    elif found.score < LOWEST_SCORE:
         return f'there is no "{phrase}": nothing on the table looks like it'
-    if found.margin < (max(lowest_margin, LOWEST_COLOR_MARGIN) if is_vague(phrase) else lowest_margin):
-        return (
-            f'there is no "{phrase}": the nearest thing, at ({found.x:.2f}, {found.y:.2f}) m, looks more like '
-            f'"{found.alternative}"'
-        )
-    return None
+    if found.margin >= lowest_margin:
+        return None
+    where = f"({found.x:.2f}, {found.y:.2f}) m"
+    return f'there is no "{phrase}": the nearest thing, at {where}, looks more like "{found.alternative}"'

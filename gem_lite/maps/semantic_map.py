@@ -6,7 +6,7 @@ Each map is made for a query (`gem_lite.language.Query`): a phrase or a picture.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -53,8 +53,7 @@ class SceneEmbedding:
 
     def fuse(self, labels: Sequence[np.ndarray]) -> np.ndarray:
         """Labels of each view's pixels, (H_n, W_n), fused from above by point cloud: (H, W) float32."""
-        fused, _ = self.points.project(labels)
-        return fused
+        return self.points.project(labels)[0]
 
     @cached_property
     def spread(self) -> sparse.csr_array:
@@ -87,19 +86,13 @@ def embed_views(
     return SceneEmbedding(heightmap, points, sides, partial(embed_patches, heightmap.rgb, top_grid(config), clip))
 
 
-def embed_side(view: View, inside: np.ndarray, clip: Clip, config: PatchConfig) -> PatchEmbeddings:
-    """The patches of one view that meet the pixels ``inside`` the workspace, (H_n, W_n) bool."""
-    return embed_patches(paint_outside(view.rgb, inside), side_grid(view.camera.size, config), clip, inside)
-
-
 def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> SceneEmbedding:
     """Fuse the views and embed the patches of each view. The height map's patches are embedded at first use."""
-    return embed_views(views, clip, config, lambda view, inside: embed_side(view, inside, clip, config))
 
+    def embed_view(view: View, inside: np.ndarray) -> PatchEmbeddings:
+        return embed_patches(paint_outside(view.rgb, inside), side_grid(view.camera.size, config), clip, inside)
 
-def with_top_patches(scene: SceneEmbedding, clip: Clip, config: PatchConfig) -> SceneEmbedding:
-    """The same scene with its height map cut into the patches of another configuration of the same resolution."""
-    return replace(scene, embed_top=partial(embed_patches, scene.heightmap.rgb, top_grid(config), clip))
+    return embed_views(views, clip, config, embed_view)
 
 
 def embed_query(query: Query, clip: Clip) -> torch.Tensor:
@@ -113,53 +106,27 @@ def embed_query(query: Query, clip: Clip) -> torch.Tensor:
     return clip.embed_texts([query])[0].cpu()
 
 
-TEMPLATES = ("{}", "a {}", "the {}", "a photo of a {}", "a picture of the {}")
-"""Wordings whose mean embedding can stand for a phrase (CLIP's prompt ensemble)."""
+def embed_phrase(phrase: str, clip: Clip) -> torch.Tensor:
+    """A phrase's embedding (D,), on the CPU, with unit length to the last bit. Raises ValueError if it is empty."""
+    return torch.nn.functional.normalize(clip.embed_texts([phrase])[0], dim=0).cpu()
 
 
-def embed_phrase(phrase: str, clip: Clip, templates: Sequence[str] = ()) -> torch.Tensor:
-    """A phrase's embedding (D,), on the CPU: its own or, with templates, the mean of its wordings' embeddings.
-
-    Raises:
-        ValueError: an empty phrase, or a template without ``{}``.
-    """
-    if any("{}" not in template for template in templates):
-        raise ValueError(f"each of templates must have a place {{}} for the phrase, got {list(templates)}")
-    if not phrase.strip():
-        raise ValueError(f"phrase must not be empty, got {phrase!r}")
-    wordings = [template.format(phrase) for template in templates] or [phrase]
-    return torch.nn.functional.normalize(clip.embed_texts(wordings).mean(dim=0), dim=0).cpu()
-
-
-def _score(
-    cosine: Callable[[torch.Tensor], np.ndarray], query: Query, clip: Clip, templates: Sequence[str] = ()
-) -> np.ndarray:
+def _score(cosine: Callable[[torch.Tensor], np.ndarray], query: Query, clip: Clip) -> np.ndarray:
     """The cosines with a query, on the CLIP's scale for texts or for pictures."""
     if isinstance(query, ImageQuery):
         return clip.calibration.scale_image(cosine(embed_query(query, clip)))
-    return clip.calibration.scale_text(cosine(embed_phrase(query, clip, templates)))
+    return clip.calibration.scale_text(cosine(embed_phrase(query, clip)))
 
 
-def text_conditioned_map(
-    scene: SceneEmbedding, query: Query, clip: Clip, templates: Sequence[str] = (), against: Sequence[str] = ()
-) -> np.ndarray:
+def text_conditioned_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarray:
     """M_text (Eq. 1): every view's patches scored against a query, fused from above by point cloud.
 
     A picture may stand in the phrase's place; then the scale is that of pictures.
 
-    Args:
-        templates: wordings of a phrase to average, such as `TEMPLATES`; the paper has none.
-        against: other phrases. Where they score above the empty table, their largest score is subtracted. So
-            "yellow screwdriver" against "yellow block" fades on the block. The paper has none.
-
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
     """
-    scores = _score(scene.cosine, query, clip, templates)
-    if not against:
-        return scores
-    others = [_score(scene.cosine, other, clip, templates) for other in against]
-    return scores - np.maximum.reduce([*others, np.zeros_like(scores)])
+    return _score(scene.cosine, query, clip)
 
 
 def single_view_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarray:
@@ -220,10 +187,9 @@ def plateau_centre(semantic: np.ndarray, config: PatchConfig) -> tuple[float, fl
     row, col = (float(i) for i in np.unravel_index(semantic.argmax(), semantic.shape))
     for _ in range(50):
         near = weight * (np.hypot(rows - row, cols - col) <= reach)
-        last_row = row
-        last_col = col
+        last = row, col
         row = float((near * rows).sum() / near.sum())
         col = float((near * cols).sum() / near.sum())
-        if np.hypot(row - last_row, col - last_col) < 0.01:
+        if np.hypot(row - last[0], col - last[1]) < 0.01:
             break
     return row, col

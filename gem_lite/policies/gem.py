@@ -15,7 +15,7 @@ from typing_extensions import override
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries, Query
 from gem_lite.maps import sources
-from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, demonstrated_crops
+from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, collect_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
@@ -196,7 +196,7 @@ class Gem(Policy[SceneEmbedding]):
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Fill ``memory`` with the demonstrations' crops, if the maps need them."""
         if self.retrieves:
-            crops = demonstrated_crops(demos, self.config.workspace, self.config.top_patch, self.read)
+            crops = collect_crops(demos, self.config.workspace, self.config.top_patch, self.read)
             self.memory = CropMemory(crops, self.clip)
 
     @override

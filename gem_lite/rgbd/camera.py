@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -96,13 +96,12 @@ def checked_intrinsics(value: object, name: str) -> np.ndarray:
         ValueError: ``value`` is not (3, 3) finite numbers, a focal length is not positive, or the last row is not
             0 0 1. The message begins with ``name``.
     """
-    matrix = _array(value, 3)
-    if matrix is None or min(matrix[0, 0], matrix[1, 1]) <= 0 or matrix[2].tolist() != [0, 0, 1]:
-        raise ValueError(
-            f"{name} must be (3, 3) finite numbers with positive focal lengths and the last row 0 0 1, got "
-            f"{_shown(value)}"
-        )
-    return matrix
+
+    def is_right(matrix: np.ndarray) -> bool:
+        return min(matrix[0, 0], matrix[1, 1]) > 0 and matrix[2].tolist() == [0, 0, 1]
+
+    wanted = "(3, 3) finite numbers with positive focal lengths and the last row 0 0 1"
+    return _checked(value, name, 3, is_right, wanted)
 
 
 def checked_pose(value: object, name: str, mirrored: bool = False) -> np.ndarray:
@@ -115,39 +114,35 @@ def checked_pose(value: object, name: str, mirrored: bool = False) -> np.ndarray
         ValueError: ``value`` is not (4, 4) finite numbers, its rotation is none, or its last row is not 0 0 0 1. The
             message begins with ``name``.
     """
-    pose = _array(value, 4)
-    if pose is None or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6) or not _is_rotation(pose[:3, :3], mirrored):
-        raise ValueError(
-            f"{name} must be a (4, 4) pose: a rotation{'' if mirrored else ' (no reflection)'}, a position and the "
-            f"last row 0 0 0 1, got {_shown(value)}"
-        )
-    return pose
+
+    def is_right(pose: np.ndarray) -> bool:
+        return np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6) and _is_rotation(pose[:3, :3], mirrored)
+
+    rotation = "rotation" if mirrored else "rotation (no reflection)"
+    return _checked(value, name, 4, is_right, f"a (4, 4) pose: a {rotation}, a position and the last row 0 0 0 1")
 
 
 def checked_rotation(value: object, name: str) -> np.ndarray:
     """A rotation as a (3, 3) array. Raises ValueError for anything else, such as a reflection."""
-    rotation = _array(value, 3)
-    if rotation is None or not _is_rotation(rotation):
-        raise ValueError(f"{name} must be a (3, 3) rotation, and no reflection, got {_shown(value)}")
-    return rotation
+    return _checked(value, name, 3, _is_rotation, "a (3, 3) rotation, and no reflection")
 
 
-def _array(value: object, size: int) -> np.ndarray | None:
-    """A square matrix of finite numbers; None for anything else."""
+def _checked(
+    value: object, name: str, size: int, is_right: Callable[[np.ndarray], bool], wanted: str
+) -> np.ndarray:  # fmt: skip
+    """A (size, size) matrix of finite numbers. Raises ValueError for anything else, or if it is not right."""
     try:
         matrix = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):
-        return None
-    return matrix if matrix.shape == (size, size) and np.isfinite(matrix).all() else None
+        matrix = np.zeros(0)
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all() or not is_right(matrix):
+        shown = value.tolist() if isinstance(value, np.ndarray) else value
+        raise ValueError(f"{name} must be {wanted}, got {shown!r:.200}")
+    return matrix
 
 
 def _is_rotation(matrix: np.ndarray, mirrored: bool = False) -> bool:
     return np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) and (mirrored or np.linalg.det(matrix) > 0)
-
-
-def _shown(value: object) -> str:
-    """A matrix in one line."""
-    return f"{value.tolist() if isinstance(value, np.ndarray) else value!r:.200}"
 
 
 @dataclass(frozen=True)
@@ -159,22 +154,18 @@ class View:
     depth: np.ndarray
 
     def __post_init__(self) -> None:
-        if self.rgb.dtype != np.uint8 or self.rgb.shape != (*self.camera.size, 3):
-            raise ValueError(
-                f"rgb of camera {self.camera.name!r} must be uint8 of shape {(*self.camera.size, 3)}, "
-                f"got {self.rgb.dtype} of shape {self.rgb.shape}"
-            )
-        if self.depth.dtype != np.float32 or self.depth.shape != self.camera.size:
-            raise ValueError(
-                f"depth of camera {self.camera.name!r} must be float32 of shape {self.camera.size}, "
-                f"got {self.depth.dtype} of shape {self.depth.shape}"
-            )
+        size = self.camera.size
+        for name, kind, shape in (("rgb", "uint8", (*size, 3)), ("depth", "float32", size)):
+            image = getattr(self, name)
+            if image.dtype != kind or image.shape != shape:
+                raise ValueError(
+                    f"{name} of camera {self.camera.name!r} must be {kind} of shape {shape}, "
+                    f"got {image.dtype} of shape {image.shape}"
+                )
 
     def points(self) -> np.ndarray:
         """(H, W, 3) float32: the world position of every pixel, in metres."""
-        points = _rays(self.camera) * self.depth[..., None]
-        points += self.camera.position.astype(np.float32)
-        return points
+        return _rays(self.camera) * self.depth[..., None] + self.camera.position.astype(np.float32)
 
 
 @lru_cache(maxsize=16)

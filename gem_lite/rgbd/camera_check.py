@@ -2,21 +2,21 @@
 
 The table is flat and lies at z = 0. So with right cameras every view has points at z = 0 all over the workspace, and
 what stands on the table has the same height in all views. `fit` measures both. A mistake that is often made can be
-undone: `CORRECTIONS` undo one each. If the cameras do not fit as they are, and do fit with one of these corrections,
-the mistake has been found.
+undone (`corrections`). If the cameras do not fit as they are, and do fit without one of these mistakes, it has been
+found.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from gem_lite.rgbd.camera_mistakes import CORRECTIONS, LARGEST_TILT, MILLIMETRES, Cloud, Correction, cloud, depth_factor
-from gem_lite.rgbd.levelling import inside, plane
+from gem_lite.rgbd.levelling import plane
 from gem_lite.rgbd.observation import RawView
 from gem_lite.se2 import Workspace
 
@@ -24,10 +24,6 @@ CELL = 0.02
 """Side (m) of the cells in which views are compared."""
 LEVEL = 0.012
 """A point at most this far (m) from z = 0 lies on the table."""
-STANDS = 0.02
-"""A higher point (m) belongs to something that stands on the table."""
-SAME_HEIGHT = 0.015
-"""Two views agree about a cell if their heights differ by less (m)."""
 COVERED = 0.3
 """With right cameras, a view sees the table in at least this share of the workspace's cells."""
 LEVEL_SHARE = 0.6
@@ -36,18 +32,42 @@ COMPARED = 15
 """Two views are compared if both see at least as many cells with something on the table."""
 AGREED = 0.5
 """With right cameras, two views agree in at least this share of the cells in which something stands."""
-NEAR_TABLE = 0.08
-"""A table that is farther (m) from z = 0 is no matter of calibration."""
-LITTLE = 0.05
-"""A depth that is off by less is a matter of calibration."""
-MOST_EXCHANGED = 4
-"""Exchanged poses are looked for among at most as many cameras."""
-COMBINATIONS = 200
-"""At most as many combinations of several views' candidates are tried."""
-PLANES = 300
-"""Random planes that are tried."""
+LARGEST_TILT = 8.0
+"""A smaller turn (degrees) is a matter of calibration."""
 SHARE_OF_PLANE = 0.15
 """A plane that holds this share of a view's points is large enough to be the table."""
+MILLIMETRES = 1000.0
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Some measured pixels of a view as points (N, 3) in the camera's axes, and the camera's pose.
+
+    Attributes:
+        rotation, position: (3, 3) and (3,), from the camera's axes to the table's frame (m).
+    """
+
+    local: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, 3): in the table's frame (m)."""
+        return self.local @ self.rotation.T + self.position
+
+
+def cloud(view: RawView) -> Cloud:
+    """About 12,000 points of a view. If depth has another size than colour, the intrinsics are scaled to it."""
+    height, width = view.depth.shape
+    step = max(1, round(math.sqrt(view.depth.size / 12_000)))
+    x, y = np.meshgrid(np.arange(0, width, step) + 0.5, np.arange(0, height, step) + 0.5)
+    shares = np.array([view.rgb.shape[1] / width, view.rgb.shape[0] / height])
+    pixels = np.stack([x * shares[0], y * shares[1], np.ones_like(x)], axis=-1)
+    depth = view.depth[::step, ::step]
+    local = pixels @ np.linalg.inv(np.array(view.intrinsics)).T * depth[..., None]
+    pose = np.array(view.pose)
+    return Cloud(local[depth > 0], pose[:3, :3], pose[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -99,52 +119,104 @@ class Finding:
 def fit(clouds: Sequence[Cloud], workspace: Workspace) -> Fit:
     """How well clouds fit a table at z = 0."""
     coarse = replace(workspace, pixel=CELL)
-    rows, cols = coarse.shape
     covered = []
     level = []
     heights = []
     for cloud_of_view in clouds:
-        points = cloud_of_view.points
-        x, y, z = points[inside(points, workspace)].T
-        row, col = coarse.to_pixel(x, y)
-        row = np.clip(np.floor(row + 0.5).astype(int), 0, rows - 1)
-        col = np.clip(np.floor(col + 0.5).astype(int), 0, cols - 1)
-        cell = row * cols + col
-        on_table = np.zeros(rows * cols, bool)
-        on_table[cell[np.abs(z) < LEVEL]] = True
-        top = np.full(rows * cols, -np.inf)
+        x, y, z = cloud_of_view.points.T
+        inside = workspace.contains(x, y)
+        cell = coarse.cells(x[inside], y[inside])
+        z = z[inside]
+        top = np.full(math.prod(coarse.shape), -np.inf)
         np.maximum.at(top, cell, z)
+        on_table = np.zeros(len(top), bool)
+        on_table[cell[np.abs(z) < LEVEL]] = True
         covered.append(float(on_table.mean()))
         level.append(float(on_table.sum() / max(np.isfinite(top).sum(), 1)))
         heights.append(top)
     pairs = {}
     for first, second in itertools.combinations(range(len(heights)), 2):
         one, other = heights[first], heights[second]
-        both = np.isfinite(one) & np.isfinite(other) & (np.maximum(one, other) > STANDS)
+        both = np.isfinite(one) & np.isfinite(other) & (np.maximum(one, other) > 0.02)  # something stands there
         if both.sum() >= COMPARED:
-            pairs[first, second] = float(np.mean(np.abs(one[both] - other[both]) < SAME_HEIGHT))
+            pairs[first, second] = float(np.mean(np.abs(one[both] - other[both]) < 0.015))
     return Fit(tuple(covered), tuple(level), pairs)
 
 
-def corrected(
-    clouds: Sequence[Cloud], changing: Sequence[int], correction: Correction, workspace: Workspace
-) -> Fit:  # fmt: skip
-    """The best fit that a correction of some clouds gives.
+MISTAKES = {
+    "inverse pose": "the pose is inverted: it must lead from the camera's axes to the table's frame",
+    "axes flipped": "the camera's axes are flipped: x must point to the right, y down and z forward (OpenGL's y and z "
+    "point the other way)",
+    "axes swapped": "the camera's axes come in another order: x must point to the right, y down and z forward",
+    "millimetres (pose)": "the position in the pose is in millimetres: it must be in metres",
+    "depth scale": "depth_scale is wrong",
+    "quaternion order": "the rotation was made from a quaternion in another order: is w the first or the last number?",
+    "depth along the ray": "depth is the distance along each pixel's ray: it must be that along the camera's axis",
+    "degrees for radians": "the pose's rotation was made from degrees that were read as radians",
+}
+"""Those that `corrections` undoes, by name: what they are."""
+
+
+def corrections(given: Cloud) -> Iterator[tuple[str, Cloud]]:
+    """The clouds that a cloud may have been before a mistake, each with the mistake's name."""
+    yield "inverse pose", replace(given, rotation=given.rotation.T, position=-given.rotation.T @ given.position)
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            axes = np.eye(3)[list(order)] * signs
+            if not np.array_equal(axes, np.eye(3)):
+                mistake = "axes flipped" if order == (0, 1, 2) else "axes swapped"
+                yield mistake, replace(given, rotation=given.rotation @ axes)
+    yield "millimetres (pose)", replace(given, position=given.position / MILLIMETRES)
+    yield "depth scale", replace(given, local=given.local * _depth_factor(given))
+    distances = np.linalg.norm(given.local, axis=1, keepdims=True)
+    yield "depth along the ray", replace(given, local=given.local * (given.local[:, 2:] / distances))
+    if np.linalg.det(given.rotation) < 0:  # a reflection has no quaternion and no angle
+        return
+    rotation = Rotation.from_matrix(given.rotation)
+    for shift in (1, -1):
+        reordered = Rotation.from_quat(np.roll(rotation.as_quat(), shift))
+        yield "quaternion order", replace(given, rotation=reordered.as_matrix())
+    # A turn by θ became one by 180 θ / π. From it, θ is known up to multiples of a full turn.
+    vector = rotation.as_rotvec()
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle > 1e-9 else np.array([0.0, 0.0, 1.0])
+    for turns in range(-30, 31):
+        true = math.radians(angle + 2 * math.pi * turns)
+        changed = abs(true - angle) > math.radians(LARGEST_TILT)
+        if abs(true) <= math.pi and changed:
+            yield "degrees for radians", replace(given, rotation=Rotation.from_rotvec(true * axis).as_matrix())
+
+
+def _depth_factor(given: Cloud) -> float:
+    """By how much to multiply depth so that most points lie at z = 0; 1 if no factor does."""
+    fall = -(given.local @ given.rotation[2])
+    height = given.position[2]
+    factors = np.log(height / fall[fall > 0]) if height > 0 else np.zeros(0)
+    if not len(factors):
+        return 1.0
+    counts, edges = np.histogram(factors, np.arange(factors.min() - 0.02, factors.max() + 0.04, 0.02))
+    highest = int(counts.argmax())
+    near = (factors >= edges[highest]) & (factors <= edges[highest + 1])
+    return float(np.exp(np.median(factors[near])))
+
+
+def corrected(clouds: Sequence[Cloud], changing: Sequence[int], mistake: str, workspace: Workspace) -> Fit:
+    """The best fit that the correction of a mistake in some clouds gives.
 
     A correction may have several candidates for a view. Those with which the view sees most of the table are combined
-    with those of the other views.
+    with those of the other views: at most 200 combinations are tried.
 
     Args:
         changing: the numbers of the clouds to correct.
     """
     choices = []
     for number in changing:
-        candidates = list(correction(clouds[number]))
+        candidates = [candidate for name, candidate in corrections(clouds[number]) if name == mistake]
         seen = [fit([candidate], workspace).covered[0] for candidate in candidates]
-        highest = max(seen, default=0.0)
-        choices.append([c for c, share in zip(candidates, seen, strict=True) if share >= max(COVERED, 0.8 * highest)])
+        enough = max(COVERED, 0.8 * max(seen, default=0.0))
+        choices.append([c for c, share in zip(candidates, seen, strict=True) if share >= enough])
     best = fit(clouds, workspace)
-    for combination in itertools.islice(itertools.product(*choices), COMBINATIONS):
+    for combination in itertools.islice(itertools.product(*choices), 200):
         tried = list(clouds)
         for number, candidate in zip(changing, combination, strict=True):
             tried[number] = candidate
@@ -155,14 +227,11 @@ def corrected(
 def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
     """What is probably wrong with cameras; nothing if they fit the table.
 
-    Either all cameras have a mistake, or those that do not see the table, or a single one.
-
     Args:
         views: as `gem_lite.rgbd.observation.read_raw` reads them.
         workspace: the part of the table that matters. The table is at z = 0.
     """
-    findings = [_sizes(view) for view in views if view.depth.shape != view.rgb.shape[:2]]
-    names = tuple(view.name for view in views)
+    findings = [Finding("sizes differ", (view.name,), view.misfit) for view in views if view.misfit]
     blind = tuple(view.name for view in views if not (view.depth > 0).any())
     if blind:
         return [*findings, Finding("no depth", blind, "no pixel has a depth: the depth picture is 0 everywhere")]
@@ -170,40 +239,64 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
     as_given = fit(clouds, workspace)
     if as_given.good:
         return findings
-    numbers = tuple(range(len(views)))
-    wrong = as_given.wrong
+    return [*findings, _explain([view.name for view in views], clouds, as_given, workspace)]
+
+
+def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, workspace: Workspace) -> Finding:
+    """Why clouds do not fit: all cameras have a mistake, or those that do not see the table, or a single one."""
     if _exchanged(clouds, workspace):
         sentence = "each camera has a pose, but of another camera: exchange them"
-        return [*findings, Finding("poses exchanged", names, sentence)]
+        return Finding("poses exchanged", tuple(names), sentence)
+    wrong = as_given.wrong
+    of_wrong = tuple(names[number] for number in wrong)
     off = {names[number]: _almost_level(clouds[number], workspace) for number in wrong}
     if off and all(off.values()):
         sentence = "calibrate: the table " + ", ".join(f"{text} (seen by {name})" for name, text in off.items())
-        return [*findings, Finding("calibration", tuple(off), sentence)]
+        return Finding("calibration", of_wrong, sentence)
+    numbers = tuple(range(len(names)))
     suspects = [wrong, numbers] if wrong else [numbers, *((number,) for number in numbers)]
     for changing in dict.fromkeys(suspects):
-        fits = {name: corrected(clouds, changing, undo, workspace) for name, (undo, _) in CORRECTIONS.items()}
-        name = max(fits, key=lambda key: fits[key].score)
-        if fits[name].good:
-            concerned = tuple(names[number] for number in changing)
-            if name == "depth scale":
-                return [*findings, _scale(concerned, [depth_factor(clouds[number]) for number in changing])]
-            return [*findings, Finding(name, concerned, CORRECTIONS[name][1])]
+        fits = {name: corrected(clouds, changing, name, workspace) for name in MISTAKES}
+        mistake = max(fits, key=lambda key: fits[key].score)
+        if fits[mistake].good:
+            sentence = MISTAKES[mistake]
+            if mistake == "depth scale":
+                factors = [_depth_factor(clouds[number]) for number in changing]
+                sentence += f": multiply it by about {', '.join(f'{factor:.3g}' for factor in factors)}"
+                if all(abs(abs(math.log(factor)) / math.log(MILLIMETRES) - 1) < 0.02 for factor in factors):
+                    mistake = "millimetres (depth)"
+            return Finding(mistake, tuple(names[number] for number in changing), sentence)
     if wrong and all(_has_plane_at_height(clouds[number]) for number in wrong):
         sentence = (
             "the height of the camera and the depth fit the table, and the rotation does not: were its angles given in "
             "degrees where radians are needed, or in another order?"
         )
-        return [*findings, Finding("degrees for radians", tuple(names[number] for number in wrong), sentence)]
-    return [*findings, _unknown(names, as_given)]
+        return Finding("degrees for radians", of_wrong, sentence)
+    if wrong:
+        seen = ", ".join(f"{names[number]} {100 * as_given.covered[number]:.0f} %" for number in wrong)
+        sentence = (
+            f"the table (z = 0) is seen in little of the workspace ({seen}), and no single mistake that is known here "
+            "explains it: is the table at z = 0, is the workspace right, are there two mistakes?"
+        )
+        return Finding("table not found", of_wrong, sentence)
+    bad = [pair for pair, share in as_given.pairs.items() if share < AGREED]
+    alone = [names[number] for number in numbers if len(bad) > 1 and all(number in pair for pair in bad)]
+    if len(alone) == 1:
+        sentence = "calibrate: what stands on the table has other places and heights here than in the other views"
+        return Finding("views disagree", tuple(alone), sentence)
+    pairs = ", ".join(f"{names[first]} and {names[second]}" for first, second in bad)
+    sentence = f"calibrate: these do not agree about what stands on the table: {pairs}"
+    return Finding("views disagree", tuple(names), sentence)
 
 
 def _almost_level(given: Cloud, workspace: Workspace) -> str:
     """How a plane that is nearly the table differs from z = 0, in words; "" if there is none.
 
-    The plane is that of the points in the workspace that are at most `NEAR_TABLE` from z = 0.
+    The plane is that of the points in the workspace that are at most 80 mm from z = 0: a table that is farther away
+    is no matter of calibration.
     """
-    points = given.points[inside(given.points, workspace)]
-    near = points[np.abs(points[:, 2]) < NEAR_TABLE]
+    x, y, z = given.points.T
+    near = given.points[workspace.contains(x, y) & (np.abs(z) < 0.08)]
     if len(near) < SHARE_OF_PLANE * len(given.points):
         return ""
     slope_x, slope_y, constant = plane(near, (math.inf, 0.04, 0.02, LEVEL))
@@ -217,14 +310,10 @@ def _almost_level(given: Cloud, workspace: Workspace) -> str:
 
 
 def _exchanged(clouds: Sequence[Cloud], workspace: Workspace) -> bool:
-    """Whether the cameras fit with their poses in another order."""
-    if not 2 <= len(clouds) <= MOST_EXCHANGED:
-        return False
-    for order in list(itertools.permutations(range(len(clouds))))[1:]:
-        tried = [Cloud(given.local, clouds[number].pose) for given, number in zip(clouds, order, strict=True)]
-        if fit(tried, workspace).good:
-            return True
-    return False
+    """Whether the cameras, at most four, fit with their poses in another order."""
+    orders = list(itertools.permutations(clouds))[1:] if len(clouds) <= 4 else []
+    tried = ([replace(other, local=one.local) for one, other in zip(clouds, order, strict=True)] for order in orders)
+    return any(fit(exchanged, workspace).good for exchanged in tried)
 
 
 def _has_plane_at_height(given: Cloud) -> bool:
@@ -232,52 +321,11 @@ def _has_plane_at_height(given: Cloud) -> bool:
 
     Planes through random triples of points are tried (RANSAC).
     """
-    rng = np.random.default_rng(0)
-    height = given.pose[2, 3]
-    for _ in range(PLANES):
-        corner, second, third = given.local[rng.choice(len(given.local), 3, replace=False)]
-        normal = np.cross(second - corner, third - corner)
-        length = np.linalg.norm(normal)
-        if length < 1e-9:
-            continue
-        distances = given.local @ (normal / length)
-        distance = float(corner @ (normal / length))
-        fits_height = abs(abs(distance) - height) < 0.02 + 0.02 * height
-        if fits_height and np.mean(np.abs(distances - distance) < LEVEL) > SHARE_OF_PLANE:
-            return True
-    return False
-
-
-def _sizes(view: RawView) -> Finding:
-    height, width = view.rgb.shape[:2]
-    sentence = (
-        f"colour is {width} x {height} and depth {view.depth.shape[1]} x {view.depth.shape[0]} pixels: give the depth "
-        "that is aligned to the colour camera"
-    )
-    return Finding("sizes differ", (view.name,), sentence)
-
-
-def _scale(names: tuple[str, ...], factors: Sequence[float]) -> Finding:
-    sentence = f"depth_scale is wrong: multiply it by about {', '.join(f'{factor:.3g}' for factor in factors)}"
-    if all(abs(factor - 1) < LITTLE for factor in factors):
-        return Finding("calibration", names, f"calibrate: depth is off by a little, or a camera is tilted ({sentence})")
-    thousand = all(abs(abs(math.log(factor)) / math.log(MILLIMETRES) - 1) < 0.02 for factor in factors)
-    return Finding("millimetres (depth)" if thousand else "depth scale", names, sentence)
-
-
-def _unknown(names: Sequence[str], found: Fit) -> Finding:
-    if found.wrong:
-        seen = ", ".join(f"{names[number]} {100 * found.covered[number]:.0f} %" for number in found.wrong)
-        sentence = (
-            f"the table (z = 0) is seen in little of the workspace ({seen}), and no single mistake that is known here "
-            "explains it: is the table at z = 0, is the workspace right, are there two mistakes?"
-        )
-        return Finding("table not found", tuple(names[number] for number in found.wrong), sentence)
-    bad = [pair for pair, share in found.pairs.items() if share < AGREED]
-    alone = [number for number in range(len(names)) if len(bad) > 1 and all(number in pair for pair in bad)]
-    if len(alone) == 1:
-        sentence = "calibrate: what stands on the table has other places and heights here than in the other views"
-        return Finding("views disagree", (names[alone[0]],), sentence)
-    pairs = ", ".join(f"{names[first]} and {names[second]}" for first, second in bad)
-    sentence = f"calibrate: these do not agree about what stands on the table: {pairs}"
-    return Finding("views disagree", tuple(names), sentence)
+    height = given.position[2]
+    corner, second, third = given.local[np.random.default_rng(0).choice(len(given.local), (3, 300))]
+    normals = np.cross(second - corner, third - corner)  # (300, 3)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
+    offsets = (normals * corner).sum(axis=1)
+    fits_height = np.abs(np.abs(offsets) - height) < 0.02 + 0.02 * height
+    distances = np.abs(given.local @ normals[fits_height].T - offsets[fits_height])
+    return bool((np.mean(distances < LEVEL, axis=0) > SHARE_OF_PLANE).any())

@@ -118,24 +118,18 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     for view in views:
         xyz = view.points()
         x, y, z = np.moveaxis(xyz, -1, 0)
-        inside = (x >= workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y <= workspace.y_max)
-        inside &= (z > LOWEST) & (z < workspace.z_max)
+        inside = workspace.contains(x, y) & (z > LOWEST) & (z < workspace.z_max)
         inside &= view.depth > 0  # 0: not measured
         kept.append(inside)
         points.append(xyz[inside])
     x, y, z = np.concatenate(points).T
     if not len(z):
         raise ValueError(f"no camera sees a point inside the workspace: {_where_points_lie(views)}")
-    rows, cols = workspace.shape
-    row, col = workspace.to_pixel(x, y)
-    # A cell's centre is a whole number, so rounding gives the cell. Rounding errors may push a point over an edge.
-    row = np.clip(np.floor(row + 0.5).astype(np.int64), 0, rows - 1)
-    col = np.clip(np.floor(col + 0.5).astype(np.int64), 0, cols - 1)
-    cell = row * cols + col
-    top = np.full(rows * cols, -np.inf, np.float32)
+    cell = workspace.cells(x, y)
+    top = np.full(np.prod(workspace.shape), -np.inf, np.float32)
     np.maximum.at(top, cell, z)
-    seen = np.isfinite(top).reshape(rows, cols)
-    height = _fill(np.where(seen, np.maximum(top.reshape(rows, cols), 0), 0).astype(np.float32), seen)
+    height = np.maximum(top, 0).reshape(workspace.shape)  # 0 in cells without a point, until they are filled
+    height = _fill(height, np.isfinite(top).reshape(workspace.shape))
     return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
 
 

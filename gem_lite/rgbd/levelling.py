@@ -22,17 +22,13 @@ REACH = 0.06
 """A point at most this far (m) from z = 0 may be one of the table."""
 BANDS = (0.03, 0.015, 0.008, 0.008)
 """See `plane`."""
-FEWEST = 500
-"""A view with fewer points near the table keeps its pose."""
-MOST = 20_000
-"""About as many points are used."""
 
 
 def levelled(observation: Observation, workspace: Workspace) -> Observation:
     """The observation with the poses corrected so that every view sees the table level and at z = 0.
 
     It is for errors of a few degrees and centimetres. For larger ones see `gem_lite.rgbd.camera_check`. Most of the
-    points that a view shows near z = 0 should be the table's.
+    points that a view shows near z = 0 should be the table's; with fewer than 500 it keeps its pose.
     """
     return Observation(tuple(_levelled(view, workspace) for view in observation.views))
 
@@ -40,27 +36,19 @@ def levelled(observation: Observation, workspace: Workspace) -> Observation:
 def _levelled(view: View, workspace: Workspace) -> View:
     points = view.points().reshape(-1, 3)
     measured = view.depth.reshape(-1) > 0
-    near = points[inside(points, workspace) & (np.abs(points[:, 2]) < REACH) & measured]
-    near = near[:: max(1, len(near) // MOST)].astype(np.float64)
-    if len(near) < FEWEST:
+    x, y, z = points.T
+    near = points[workspace.contains(x, y) & (np.abs(z) < REACH) & measured]
+    near = near[:: max(1, len(near) // 20_000)].astype(np.float64)  # About as many points are enough.
+    if len(near) < 500:
         return view
     slope_x, slope_y, height = plane(near)
-    normal = np.array([-slope_x, -slope_y, 1.0])
-    normal /= np.linalg.norm(normal)
-    axis = np.cross(normal, (0.0, 0.0, 1.0))  # The shortest turn that makes the normal vertical.
-    turn = Rotation.from_rotvec(axis / max(np.linalg.norm(axis), 1e-12) * np.arccos(np.clip(normal[2], -1, 1)))
+    turn, _ = Rotation.align_vectors((0, 0, 1), (-slope_x, -slope_y, 1))  # the shortest: it makes the normal vertical
     position = view.camera.position
     below = np.array([position[0], position[1], slope_x * position[0] + slope_y * position[1] + height])
     # After the turn about the camera's centre, the plane is level, at the height of this point of it.
     level = turn.apply(below - position)[2] + position[2]
     pose = as_pose(turn.as_matrix() @ view.camera.rotation, position - [0.0, 0.0, level])
     return replace(view, camera=replace(view.camera, pose=pose))
-
-
-def inside(points: np.ndarray, workspace: Workspace) -> np.ndarray:
-    """(N,) bool: which points (N, 3) lie above or below the workspace."""
-    x, y, _ = points.T
-    return (x > workspace.x_min) & (x < workspace.x_max) & (y > workspace.y_min) & (y < workspace.y_max)
 
 
 def plane(points: np.ndarray, bands: Sequence[float] = BANDS) -> tuple[float, float, float]:

@@ -28,7 +28,6 @@ from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, Matrix, View, checked_intrinsics, checked_pose
 
 CAMERAS_FILE = "cameras.json"
-VERSION = 1
 DEPTH_SCALE = 1e-4
 """Metres of one step of a depth picture that `Observation.save` writes. 16 bits reach 6.5535 m."""
 DEEPEST = 65535
@@ -78,14 +77,19 @@ class RawView:
     intrinsics: Matrix
     pose: Matrix
 
+    @property
+    def misfit(self) -> str:
+        """Why colour and depth do not fit together; "" if they have the same size."""
+        if self.depth.shape == self.rgb.shape[:2]:
+            return ""
+        color, depth = (f"{image.shape[1]} x {image.shape[0]}" for image in (self.rgb, self.depth))
+        return f"colour is {color} and depth {depth} pixels: give the depth that is aligned to the colour camera"
+
     def view(self) -> View:
         """The view. Raises ValueError if colour and depth have different sizes, or the pose is a reflection."""
+        if self.misfit:
+            raise ValueError(f"camera {self.name!r}: {self.misfit}")
         size = (self.rgb.shape[0], self.rgb.shape[1])
-        if self.depth.shape != size:
-            raise ValueError(
-                f"camera {self.name!r}: colour is {size[1]} x {size[0]} and depth {self.depth.shape[1]} x "
-                f"{self.depth.shape[0]} pixels; give the depth that is aligned to the colour camera"
-            )
         return View(Camera(self.name, self.intrinsics, self.pose, size), self.rgb, self.depth)
 
 
@@ -175,7 +179,7 @@ class Observation:
                 "name": name, **files, "depth_scale": depth_scale, "intrinsics": view.camera.intrinsics,
                 "pose": view.camera.pose,
             })  # fmt: skip
-        contents[folder / CAMERAS_FILE] = json.dumps({"version": VERSION, "cameras": entries}, indent=1).encode()
+        contents[folder / CAMERAS_FILE] = json.dumps({"version": 1, "cameras": entries}, indent=1).encode()
         return contents
 
 

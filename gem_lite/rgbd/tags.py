@@ -27,12 +27,8 @@ class LocalisationError(RuntimeError):
     """The tag of a table was not found. The message names the tags that were found."""
 
 
-def find_tags(view: View) -> dict[int, np.ndarray]:
-    """The 36h11 tags in a picture: (4, 2) corners by the tag's number, as (x, y) from the picture's upper left edge."""
-    return _find(view.rgb)
-
-
-def _find(rgb: np.ndarray) -> dict[int, np.ndarray]:
+def find_tags(rgb: np.ndarray) -> dict[int, np.ndarray]:
+    """The 36h11 tags in a picture (H, W, 3) uint8: (4, 2) corners (x, y) from its upper left edge, by tag number."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
     corners, numbers, _ = cv2.aruco.ArucoDetector(DICTIONARY, parameters).detectMarkers(rgb)
@@ -83,7 +79,7 @@ def camera_in_table(
 
 def _tag_in_camera(rgb: np.ndarray, intrinsics: np.ndarray, number: int, side: float) -> np.ndarray:
     """The pose (4, 4) of a tag in the camera's frame (Perspective-n-Point)."""
-    corners = _find(rgb)
+    corners = find_tags(rgb)
     if number not in corners:
         others = f"only tag {', '.join(map(str, sorted(corners)))}" if corners else "no tag at all"
         raise LocalisationError(f"tag {number} is not in the picture, {others}")
