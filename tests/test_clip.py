@@ -1,5 +1,6 @@
 import csv
 import json
+import os
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +21,7 @@ from gem_lite.foundations import colors
 from gem_lite.maps import patches, semantic_map
 
 
-def test_embeddings_are_unit_length_and_deterministic_and_every_word_counts(model):
+def test_embeddings_are_unit_length_and_deterministic_every_word_counts_and_wrong_input_is_named(model):
     texts = model.embed_texts(["red block", "red bowl", "blue block", "red block", "Zürich 東京 🤖 zzyzx"])
     assert texts.shape == (5, model.dim) and torch.equal(texts[0], texts[3])
     images = model.embed_images(np.zeros((2, 40, 40, 3), np.uint8))
@@ -28,9 +29,6 @@ def test_embeddings_are_unit_length_and_deterministic_and_every_word_counts(mode
         assert torch.allclose(vectors.norm(dim=1), torch.ones(len(vectors)), atol=1e-5)
     # A text tower that ignored the shape (or colour) word would give cosine 1 here.
     assert texts[0] @ texts[1] < 0.9 and texts[0] @ texts[2] < 0.9
-
-
-def test_wrong_images_and_phrases_are_named(model):
     for images in (np.zeros((2, 40, 40, 3), np.float32), np.zeros((40, 40, 3), np.uint8)):
         with pytest.raises(ValueError, match="images"):
             model.embed_images(images)
@@ -65,15 +63,13 @@ def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):
     assert torch.allclose(known[1], embed_images(second), atol=1e-5)
     monkeypatch.setattr(clip, "REMEMBERED", 2)
     model.embed_known_images(second)
-    assert len(model._pictures) == 2
     model.embed_known_images(first)
-    assert asked == [3, 2, 3]
+    assert asked == [3, 2, 3] and len(model._pictures) == 2
 
 
 def test_paraphrases_find_their_crop_and_strangers_none(model):
     # 161 pairs of phrases that the calibration of the threshold did not use.
     rows = list(csv.DictReader((clip.DATA / "phrase_pairs.csv").open()))
-    assert len(rows) >= 100
     calibrated = {(plain, words) for plain, more in calibrating.retrieval_phrases() for words in more}
     assert not calibrated & {(row["stored"], row["query"]) for row in rows}
     same = np.array([row["same"] == "1" for row in rows])
@@ -109,8 +105,7 @@ def without(*pattern):
 
 
 def cut_weights(folder):
-    path = folder / "model.safetensors"
-    path.write_bytes(path.read_bytes()[:2_000_000])
+    os.truncate(folder / "model.safetensors", 2_000_000)
 
 
 def take_a_weight(folder):
@@ -124,16 +119,12 @@ def take_a_weight(folder):
     [
         (without("config*"), {}, "has no configuration: .* is missing"),
         (without("model*"), {}, "has no weights: .* is missing"),
-        (without("tokenizer*"), {}, "has no tokenizer: .* is missing"),
-        (without("prepro*"), {}, "has no preprocessing: .* is missing"),
         (cut_weights, {}, "weights in the CLIP folder .* are cut off or damaged"),
         (take_a_weight, {}, r"lack 1 tensors, such as visual_projection\.weight"),
-        (without(), {"image_mean": None}, "image_mean.* got "),
-        (without(), {"image_std": [0.5]}, "image_std.* got "),
-        (without(), {"size": None}, "size.* got "),
-        (without(), {"resample": 0}, "resample.* got "),
+        *((without(), {name: value}, f"{name}.* got ") for name, value in (
+            ("image_mean", None), ("image_std", [0.5]), ("size", None), ("resample", 0))),
     ],
-)
+)  # fmt: skip
 def test_a_damaged_folder_is_refused_in_a_sentence(damage, preprocessing, message, tmp_path):
     folder = small_clip(tmp_path / "clip", **preprocessing)
     damage(folder)
@@ -151,9 +142,7 @@ def test_the_environment_names_a_clip_and_an_unreachable_one_says_what_to_do(mon
 
 def test_the_fingerprint_covers_an_unusual_preprocessing(tmp_path, model):
     assert model.fingerprint == json.loads((clip.DATA / "gem-multi.json").read_text())["clip"]["fingerprint"]
-    changes = (
-        {}, {"image_mean": [0.4] * 3}, {"image_std": [0.4] * 3}, {"size": {"height": 32, "width": 32}}, {"resample": 2}
-    )  # fmt: skip
+    changes = ({}, {"image_mean": [0.4] * 3}, {"size": {"height": 32, "width": 32}}, {"resample": 2})
     found = [clip.load(small_clip(tmp_path / str(i), **change)) for i, change in enumerate(changes)]
     assert found[0].fingerprint == model.fingerprint, "a copy in another folder"
     assert len({one.fingerprint for one in found}) == len(changes)
@@ -201,8 +190,7 @@ def test_a_small_clip_model_loads_through_the_same_path(tmp_path, model):
     )  # fmt: skip
     save_clip_model(tmp_path, config, 64)
     real = clip.load(tmp_path)
-    assert real.dim == 24
-    assert real.name == str(tmp_path)
+    assert (real.dim, real.name) == (24, str(tmp_path))
     assert real.embed_images(np.zeros((3, 40, 40, 3), np.uint8)).shape == (3, 24)
     assert real.embed_texts(["red block"]).shape == (1, 24)
     assert real.fingerprint != model.fingerprint

@@ -6,7 +6,7 @@ import pytest
 from experiments.clip_tabletop import vocabulary
 from gem_lite import language, tasks
 from gem_lite.foundations import colors
-from gem_lite.language import VERBS, ImageQuery, Queries, conjuncts, parse, parse_thing, split_location, word_lists
+from gem_lite.language import ImageQuery, Queries, conjuncts, parse, parse_thing, split_location
 from gem_lite.policies.transporter import TransporterConfig, TransporterLan
 from gem_lite.simulation.bodies import objects, shapes
 from gem_lite.tasks import align_rope, stack_block_pyramid
@@ -18,34 +18,15 @@ def table(text):
 
 
 READ = """
-    put the red blocks in a green bowl | red blocks | green bowl
-    pick the red block and place into the brown box | red block | brown box
-    pack the star in the brown box | star | brown box
-    grasp the scissors by its handle and place into the brown box | scissors handle | brown box
     grasp the mug by the handle and put it on the tray | mug handle | tray
-    put the red block on the green and blue blocks | red block | green and blue blocks
-    put the red and blue blocks in the bowl | red and blue blocks | bowl
     pick up the red block and put it on top of the green one | red block | green one
-    pick the block then drop it in the bowl | block | bowl
     pick the red block, and place it in the box | red block | box
-    put all of the red blocks in a box | red blocks | box
-    pack the yellow ring inside the brown box | yellow ring | brown box
-    put the tonic into box | tonic | box
-    put the red block in the bowl on the left | red block | left bowl
-    could you move the duck over to the bowl | duck | bowl
     Can you please put the duck into the bowl? | duck | bowl
-    stack the red block atop the blue block | red block | blue block
-    put the red block in the bowl please | red block | bowl
     put the red block in the bowl now, please. | red block | bowl
-    put the red block in the bowl for me, thank you! | red block | bowl
     pick the mug up and place it in the box | mug | box
-    put the block down on the tray | block | tray
     pick the red block, the mug and the blue block and put them in the box | red block, the mug and the blue block | box
-    put the red block on the left in the bowl on the right | left red block | right bowl
-    put one of the blocks in the middle bowl | blocks | middle bowl
-    put the mug with orange stripes in the box | mug with orange stripes | box
+    grasp the mug on the left by its handle and put it in the box | left mug handle | box
     insert the key into the jelly mould | key | jelly mould
-    pick the red block and then place it in the box | red block | box
     pick the red block, place it in the box | red block | box
     Please, put the red block in the box | red block | box
     Please align the rope from front left tip to back left corner. | rope | front left tip to back left corner
@@ -56,15 +37,10 @@ OF_THE_PAPER = """
     pack the black and blue sneakers in the brown box | black and blue sneakers | brown box
     pack the can opener in the brown box | can opener | brown box
     put the cyan block on the lightest brown block | cyan block | lightest brown block
-    put the cyan block on the middle brown block | cyan block | middle brown block
-    move the red ring to the lighter brown side | red ring | lighter brown side
     move the red ring to the middle of the stand | red ring | middle of the stand
     pick the blue mug handle and place into brown box | blue mug handle | brown box
     pick blue letter E block and place onto green plate | blue letter e block | green plate
     pick yellow block and place on gray and red block | yellow block | gray and red block
-    pick the yellow block on gray plate | yellow block | gray plate
-    pick the yellow pentagon block and place into green bowl | yellow pentagon block | green bowl
-    pick black headphone and place into recycle box | black headphone | recycle box
     pick all toys and place into brown box | toys | brown box
     Grasp the mug by its handle and put it in the box | mug handle | box
 """
@@ -85,46 +61,19 @@ def test_instructions(instruction, pick, place):
     assert parse(instruction) == Queries(pick, place)
 
 
-@pytest.mark.parametrize(
-    "written",
-    [
-        "Put the RED block in the Green Bowl", "put the red block in the green bowl.",
-        "put the red block in the green bowl!", "  put  the red   block in the green  bowl  ",
-        "put\tthe red block\nin the green bowl", "please put the red block in the green bowl",
-    ],
-)  # fmt: skip
-def test_spelling_does_not_matter(written):
-    assert parse(written) == Queries("red block", "green bowl")
-
-
-def test_every_verb_begins_an_instruction_and_push_asks_for_a_push():
-    for verb in VERBS:
-        if verb != word_lists.ALIGNING:
-            assert parse(f"{verb} the red block on the box") == Queries("red block", "box", push=verb == "push")
-    assert str(parse("push the pile of blocks into the green square")) == "push pile of blocks to green square"
-
-
 WRONG = """
     put in the green bowl | names nothing to pick
     put | nothing to pick
     pick the red block | names no place
     put the red block in | names no place
-    put the red block in the | names no place
     pick the red block and place | names no place
-    the red block in the green bowl | known verb
     pickle the red block in the bowl | known verb
-    ? | known verb
     don't put the block in the bowl | does not begin with a known verb
     align the rope to the wall | must say what to align
-    align the rope from the left corner | must say what to align
     align the rope from one tip to the other, gently | leftover words 'other, gently'
-    pick up the yellow screwdriver | names no place
     grasp the coffee mug by its handle | names no place
-    pick banana crown | names no place
     put the block on the left | names no place
-    put the block on top | names no place
     put the red block in the bowl and the blue one | names several places, 'bowl and the blue one'
-    put the red block in the bowl and the blue block | names several places
     put the red block in the green bowl and the blue bowl | names several places
     put the red block in both bowls | says 'both' of a place
     put the red block in each of the bowls | says 'each' of a place
@@ -146,27 +95,19 @@ LEFT_OVER = """
     move the mug / from the left box to the right box
     put the mug / next to the teapot
     put the red block in the box and the blue block / into the bowl
-    put the red block in the box / and place the blue block in the bowl
-    pick the red block and put / the blue block in the bowl
-    put the red block in the bowl / on the green plate
     pick the block on the tray / and place it in the box
     put the red block in the bowl / and leave
-    take the block / and deposit into the bowl
     put the fork / and spoon in the box
-    put the mug / by the teapot
     pick the mug / by the teapot and place it in the box
     pick the mug and the cup / by their handles and put them in the box
     put the red block on the bowl / by its handle
     put the mug / with the handle in the box
     put the block to the / left of the bowl
     put the block in / front of the bowl
-    put the block in / between the bowls
-    put the block / close to the bowl
     push the block / up to the wall
     put the chair / back in the box
     put the block / right in the bowl
     put the red block / gently in the bowl
-    put the red block in the bowl / carefully
     put the block / that is red in the bowl
     put the red block, / not the blue one, in the bowl
     put / it in the bowl
@@ -235,11 +176,8 @@ def test_the_words_of_the_tasks_in_every_combination():
 
 # What the tasks and the vocabulary name
 
-NOUNS = [
-    name
-    for noun in (vocabulary.SHAPES | vocabulary.TILES | vocabulary.HOLES | vocabulary.BOXES).values()
-    for name in noun
-]
+KINDS = vocabulary.SHAPES | vocabulary.TILES | vocabulary.HOLES | vocabulary.BOXES
+NOUNS = [name for names in KINDS.values() for name in names]
 
 
 def test_every_colour_and_noun_of_tasks_and_vocabulary_can_be_named():
@@ -252,9 +190,6 @@ def test_every_colour_and_noun_of_tasks_and_vocabulary_can_be_named():
         assert parse(f"put the red block on the {noun}") == Queries("red block", noun.lower())
     for noun in NOUNS:
         assert parse(f"put the red {noun} on the box") == Queries(f"red {noun.lower()}", "box")
-
-
-def test_parts_may_be_grasped():
     parts = [(name, part) for (name, _), parts in vocabulary.PARTS.items() for part in parts]
     for name, part in (*parts, ("bottle", "middle")):
         if part != "back":  # "the chair by its back": could as well be "put back"
@@ -263,33 +198,24 @@ def test_parts_may_be_grasped():
 
 
 JOINED = """
-    red block | red block
-    green and blue blocks | green blocks + blue blocks
     the green and the blue block | green block + blue block
     red block and the blue mug | red block + blue mug
-    red, green and blue blocks | red blocks + green blocks + blue blocks
-    red, green, and blue blocks | red blocks + green blocks + blue blocks
     red block, the mug and the blue block | red block + mug + blue block
     light brown and darkest brown block | light brown block + darkest brown block
     small red and big striped letter e block | small red letter e block + big striped letter e block
     orange and mug | orange + mug
     salt and pepper | salt + pepper
     red and blue blocks on the left | red blocks on the left + blue blocks on the left
-    sand box | sand box
     red and white ball | red and white ball
     red, white and blue ball | red, white and blue ball
-    the small red and white tin box | small red and white tin box
     light and dark brown shoe | light and dark brown shoe
-    black and white scissors | black and white scissors
     red and white striped towels | red and white striped towels
     mug with red and blue stripes | mug with red and blue stripes
     pile of red and blue blocks | pile of red and blue blocks
-    red and white balls | red balls + white balls
     gray and red block | gray block + red block
     the red and a white ball | red ball + white ball
     light and dark brown blocks | light brown blocks + dark brown blocks
     big and small bowl | big bowl + small bowl
-    red and striped towels | red towels + striped towels
     red and blue dice | red dice + blue dice
     red and white objects | red objects + white objects
     red and white ball and the blue mug | red and white ball + blue mug
@@ -297,7 +223,6 @@ JOINED = """
     mug with red and blue stripes and green bowl | mug with red and blue stripes + green bowl
     mug with red stripes and the bowl | mug with red stripes + bowl
 """
-"""Phrases, and the things that they join. Joined colours are of one thing or of several."""
 
 
 @pytest.mark.parametrize(("phrase", "members"), table(JOINED))
@@ -314,6 +239,7 @@ def test_conjuncts_of_nothing_are_refused(phrase):
 def test_a_query_is_a_phrase_or_a_picture():
     picture = np.zeros((4, 4, 3), np.uint8)
     assert str(Queries(ImageQuery(picture, "this mug"), "bowl")) == "pick this mug, place bowl"
+    assert str(parse("push the pile of blocks into the green square")) == "push pile of blocks to green square"
     for pick in ("", " ", None, 3, picture):
         with pytest.raises(ValueError, match="pick must be a phrase or an ImageQuery"):
             Queries(pick, "bowl")
@@ -325,26 +251,7 @@ def test_a_query_is_a_phrase_or_a_picture():
 # Location words
 
 
-@pytest.mark.parametrize(
-    "written",
-    [
-        "the left red block", "the leftmost red block", "the left-most red block", "the left-hand red block",
-        "the red block on the left", "Leftmost red block", "all the red block on the left",
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("sentence", ["put {} in the bowl", "pick up {} and place it in the bowl"])
-def test_every_wording_of_a_location_means_the_same(written, sentence):
-    assert parse(sentence.format(written)) == Queries("left red block", "bowl")
-    assert parse(f"put the mug on {written.removeprefix('all ')}") == Queries("mug", "left red block")
-    assert parse_thing(written) == "left red block"
-
-
 LOCATED = """
-    the block in the middle | middle block
-    the block in the centre | middle block
-    the central block | middle block
-    the topmost block | top block
-    the bottom block | bottom block
     the pile of red blocks on the right | right pile of red blocks
     the red and white flashlight on the left | left red and white flashlight
     the top hat | top hat
@@ -363,13 +270,7 @@ LOCATED = """
 @pytest.mark.parametrize(("written", "phrase"), table(LOCATED))
 def test_location_words_and_names(written, phrase):
     assert parse(f"put {written} in the bowl") == Queries(phrase, "bowl")
-    assert parse(f"put the mug on the {phrase}").place == phrase
-
-
-def test_the_thing_on_the_left_is_picked_and_not_the_place():
-    assert parse("put the block on the left in the blue bowl") == Queries("left block", "blue bowl")
-    assert parse("put the block on the left bowl") == Queries("block", "left bowl")
-    assert parse("grasp the mug on the left by its handle and put it in the box") == Queries("left mug handle", "box")
+    assert parse(f"put the mug on the {phrase}").place == parse_thing(written) == phrase
 
 
 @pytest.mark.parametrize(
@@ -388,8 +289,9 @@ def test_location_words_that_are_not_understood_are_refused(thing):
         with pytest.raises(ValueError, match="the instruction") as error:
             parse(sentence)
         assert language.EXAMPLE in str(error.value)
-    with pytest.raises(ValueError):
-        parse_thing(thing)
+    for text in (thing, "", "grab the red block", "red block in the bowl", "3 mugs"):
+        with pytest.raises(ValueError, match="the instruction"):
+            parse_thing(text)
 
 
 # What no phrase contains
@@ -409,9 +311,7 @@ def test_words_that_would_be_swallowed_are_refused(words):
     with pytest.raises(ValueError, match="has leftover words"):
         parse(f"put the red block {words} in the bowl")
     with pytest.raises(ValueError, match="the instruction"):
-        parse(
-            f"put the red block in the bowl {words}" if words != "now" else "put the block in the bowl now in the box"
-        )
+        parse(f"put the red block in the bowl {words} in the box")
 
 
 @pytest.mark.parametrize(
@@ -425,10 +325,9 @@ def test_words_that_would_be_swallowed_are_refused(words):
     ],
 )  # fmt: skip
 def test_things_that_need_more_than_a_name_are_refused(thing):
-    with pytest.raises(ValueError, match="has leftover words"):
-        parse(f"put {thing} in the bowl")
-    with pytest.raises(ValueError, match="has leftover words"):
-        parse(f"put the mug on {thing}")
+    for sentence in (f"put {thing} in the bowl", f"put the mug on {thing}"):
+        with pytest.raises(ValueError, match="has leftover words"):
+            parse(sentence)
 
 
 @pytest.mark.parametrize(
@@ -450,14 +349,6 @@ def test_names_are_no_reason_to_refuse(name):
     assert parse(f"pack all the {name} objects in the brown box") == Queries(f"{name} objects", "brown box")
     assert conjuncts(name) == (name,) and conjuncts(f"{name} objects") == (f"{name} objects",)
     assert split_location(name)[0] is None
-
-
-@pytest.mark.parametrize(
-    "text", ["", "grab the red block", "throw the red block away", "red block in the bowl", "3 mugs"]
-)
-def test_what_is_no_thing_alone_is_refused(text):
-    with pytest.raises(ValueError, match="the instruction"):
-        parse_thing(text)
 
 
 def test_a_parser_may_give_several_goals(model, demo_set):

@@ -23,12 +23,9 @@ def table(*places):
 @pytest.mark.parametrize(
     ("phrase", "word", "thing"),
     [
-        ("left star hole", "left", "star hole"), ("the left star hole", "left", "star hole"),
         ("the top letter T shape hole", "top", "letter t shape hole"), ("Middle ring hole", "middle", "ring hole"),
-        ("star hole on the left", "left", "star hole"), ("the block in the middle", "middle", "block"),
-        ("leftmost block", "left", "block"), ("right-most block", "right", "block"),
-        ("middle brown block", "middle", "brown block"), ("left top hat", "left", "top hat"),
-        ("leftmost shoe", "left", "shoe"), ("shoe on the right", "right", "shoe"),
+        ("the block in the middle", "middle", "block"), ("right-most block", "right", "block"),
+        ("left top hat", "left", "top hat"), ("shoe on the right", "right", "shoe"),
         ("top black hat", "top", "black hat"),
         *((name, None, name) for name in (
             "star hole", "middle of the stand", "left", "top hat", "right shoe", "left shoes with red laces",
@@ -56,7 +53,7 @@ def test_responses_are_the_strongest_maxima():
     assert cells_of(semantic) == [[[50, 20], [52, 22]]]
 
 
-def test_a_flat_thing_is_one_response_and_stays_whole():
+def test_flat_and_long_things_are_one_response_and_stay_whole():
     # Two flat things of 20 x 20 equal cells, as a detector fills its boxes.
     things = {"left": np.s_[40:60, 10:30], "bottom": np.s_[90:110, 45:65]}
     semantic = np.zeros(WORKSPACE.shape, np.float32)
@@ -67,9 +64,6 @@ def test_a_flat_thing_is_one_response_and_stays_whole():
         located = query_maps.located(semantic, word, WORKSPACE)
         assert (located[things[word]] == 1).all()
         assert np.allclose(located[things[other]], 1 - query_maps.LOWERED)
-
-
-def test_a_long_thing_beside_another_stays_whole():
     # By the distance to the middles, the ends of the long thing would belong to the other.
     semantic = np.zeros(WORKSPACE.shape, np.float32)
     semantic[10:150, 20] = 1.0
@@ -131,21 +125,13 @@ def test_the_code_tells_directions_apart_that_the_embedded_clip_does_not(model):
 @pytest.mark.parametrize(
     ("phrase", "words"),
     [
-        ("red block", {}),
-        ("left star hole", {0: 1}),
-        ("Front left tip to back left corner", {4: 1, 0: 1, 7: 1, 9 + 5: 1, 9 + 0: 1, 9 + 8: 1}),
-        ("tip tip", {7: 2}),
-        ("leftmost red block", {0: 1}),
-        ("red block on the left", {0: 1}),
-        ("middle of the stand", {6: 1}),
-        ("", {}),
+        ("red block", {}), ("left star hole", {0: 1}), ("tip tip", {7: 2}), ("leftmost red block", {0: 1}),
+        ("Front left tip to back left corner", {4: 1, 0: 1, 7: 1, 9 + 5: 1, 9 + 0: 1, 9 + 8: 1}), ("", {}),
+        ("red block on the left", {0: 1}), ("middle of the stand", {6: 1}),
         # Names have no location words.
-        ("top hat", {}),
-        ("left shoe", {}),
-        ("leftmost shoe", {0: 1}),
-        ("right left shoe", {1: 1}),
+        ("top hat", {}), ("left shoe", {}), ("leftmost shoe", {0: 1}), ("right left shoe", {1: 1}),
     ],
-)
+)  # fmt: skip
 def test_the_code_counts_words_before_and_after_to(phrase, words):
     expected = torch.zeros(LOCATION_CODE_LENGTH)
     for number, count in words.items():
@@ -161,8 +147,9 @@ def test_the_code_counts_words_before_and_after_to(phrase, words):
 def test_the_networks_of_every_method_get_the_code_of_both_phrases(method, model):
     kind, config = methods.find(method)
     policy = kind(config, model)
-    words = policy.words(Queries("left red block", "front left tip to back left corner"))
-    for name, phrase in (("pick", "left red block"), ("place", "front left tip to back left corner")):
+    queries = Queries("left red block", "front left tip to back left corner")
+    words = policy.words(queries)
+    for name, phrase in (("pick", queries.pick), ("place", queries.place)):
         assert words[name].shape == (policy.language_dim,)
         assert torch.equal(words[name][-LOCATION_CODE_LENGTH:], location_code(phrase))
         assert words[name][-LOCATION_CODE_LENGTH:].any()

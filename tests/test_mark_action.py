@@ -38,11 +38,8 @@ def test_the_script_gets_what_it_needs_for_metres_and_the_colours_row_by_row():
     rgb = np.frombuffer(widget.rgb, np.uint8).reshape(160, 80, 3)
     np.testing.assert_array_equal(rgb, heightmap.rgb)
     assert widget.action == ACTION
-
-
-@pytest.mark.parametrize(("workspace", "scale"), [(Workspace.of_length(0.6), 6), (Workspace.of_length(5.0), 1)])
-def test_the_drawn_table_has_whole_pixels_for_each_cell(workspace, scale):
-    assert MarkAction(table(workspace)).table["scale"] == scale
+    for length, scale in ((0.6, 6), (5.0, 1)):
+        assert MarkAction(table(Workspace.of_length(length))).table["scale"] == scale, "whole pixels for each cell"
 
 
 def test_a_missing_mark_is_named():
@@ -68,7 +65,7 @@ def test_a_mark_is_three_numbers_on_the_table(mark, sentence):
     assert widget.action == ACTION
 
 
-def test_keep_hands_the_action_over_once():
+def test_keep_hands_the_action_over_once_and_a_refusal_is_shown():
     kept = []
     widget = MarkAction(table(), ACTION, SENTENCE)
     widget.on_keep(lambda *got: kept.append(got))
@@ -82,16 +79,13 @@ def test_keep_hands_the_action_over_once():
     press_keep(widget)
     assert kept[1:] == [(PickPlace(ACTION.pick, Pose2(0.5, 0)), SENTENCE)]
 
-
-def test_a_refusal_is_shown():
     def refuse(action, sentence):
         raise ValueError("the bowl has no colour")
 
-    widget = MarkAction(table(), ACTION, SENTENCE)
-    widget.on_keep(refuse)
-    press_keep(widget)
-    assert widget.problem == "the bowl has no colour"
-    assert not widget.is_kept
+    refused = MarkAction(table(), ACTION, SENTENCE)
+    refused.on_keep(refuse)
+    press_keep(refused)
+    assert refused.problem == "the bowl has no colour" and not refused.is_kept
 
 
 def test_a_stored_copy_says_what_to_do_and_a_still_picture_shows_both_marks_and_the_sentence():

@@ -1,6 +1,5 @@
 """Folders of scenes and recorded steps that a stranger made: what they hold is read, or refused in one sentence."""
 
-import dataclasses
 import json
 import math
 import shutil
@@ -14,12 +13,10 @@ from gem_lite import clip
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.cli import main
 from gem_lite.demonstrations import Demonstration, DemonstrationStep, quantized
-from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation, read_raw
 from gem_lite.se2 import Pose2
 
-SENTENCE = "put the red block in the blue bowl"
 WORKBENCH = clip.DATA / "foreign-scenes" / "workbench"
 
 
@@ -35,16 +32,22 @@ def folder(tmp_path):
     return tmp_path / "scene"
 
 
-def change(folder, **entries):
+def change(folder, entries_of):
+    """Change the entries of each camera in cameras.json."""
     content = json.loads((folder / "cameras.json").read_text())
-    content["cameras"][0] |= entries
+    for entry in content["cameras"]:
+        entry |= entries_of(entry)
     (folder / "cameras.json").write_text(json.dumps(content))
 
 
-def test_the_wrong_side_of_a_picture_is_never_its_colour(folder):
-    loaded = Observation.load(folder).views[0]
-    assert np.array_equal(loaded.rgb, scene().views[0].rgb) and (loaded.depth == 1).all()
-    assert cv2.imread(str(folder / "front.color.png"))[0, 0].tolist() == [2, 1, 0], "OpenCV's order is BGR"
+def test_pictures_are_kept_as_they_always_were(folder):
+    """The bytes decide the names of episodes, and what checkpoints say of their data."""
+    (loaded,), (view,) = Observation.load(folder).views, scene().views
+    assert np.array_equal(loaded.rgb, view.rgb) and (loaded.depth == 1).all()
+    pictures = {"depth": np.round(view.depth / 1e-4).astype(np.uint16), "color": view.rgb[..., ::-1]}  # BGR
+    for name, picture in pictures.items():
+        expected = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+        assert (folder / f"front.{name}.png").read_bytes() == expected
 
 
 # Pictures
@@ -57,15 +60,15 @@ def test_a_picture_outside_the_folder_is_refused(folder, key):
     (folder / "below").mkdir()
     shutil.copy(folder / name, folder / "below" / "picture.png")
     for outside in ("../secret.png", str(folder.parent / "secret.png"), "below/../../secret.png", ".."):
-        change(folder, **{key: outside})
+        change(folder, lambda _, outside=outside: {key: outside})
         with pytest.raises(ValueError, match=rf"cameras 0 {key} must be a picture in the folder, got ") as caught:
             Observation.load(folder)
         assert outside in str(caught.value)
-    change(folder, **{key: "below/picture.png"})
+    change(folder, lambda _: {key: "below/picture.png"})
     assert len(Observation.load(folder).views) == 1
 
 
-@pytest.mark.parametrize("size", [(60000, 60000), (30000, 30000), (2**31 - 1, 2**31 - 1), (2**26 + 1, 1)])
+@pytest.mark.parametrize("size", [(60000, 60000), (2**31 - 1, 2**31 - 1), (2**26 + 1, 1)])
 @pytest.mark.parametrize("key", ["color", "depth"])
 def test_a_picture_that_claims_to_be_huge_is_refused(folder, key, size):
     (folder / f"front.{key}.png").write_bytes(png_that_claims(*size))
@@ -73,8 +76,11 @@ def test_a_picture_that_claims_to_be_huge_is_refused(folder, key, size):
         Observation.load(folder)
 
 
+JPEG = cv2.imencode(".jpg", np.zeros((8, 10, 3), np.uint8))[1].tobytes() + b"IEND\xaeB`\x82"
+
+
 @pytest.mark.parametrize(
-    "content", [b"", b"\x89PNG\r\n\x1a\n", b"IEND", png_that_claims(0, 0), png_that_claims(10, 8)[:-20]]
+    "content", [b"", b"\x89PNG\r\n\x1a\n", b"IEND", png_that_claims(0, 0), png_that_claims(10, 8)[:-20], JPEG]
 )
 def test_what_is_no_picture_is_refused(folder, content):
     (folder / "front.depth.png").write_bytes(content)
@@ -82,21 +88,13 @@ def test_what_is_no_picture_is_refused(folder, content):
         Observation.load(folder)
 
 
-def test_a_picture_of_another_format_is_refused(folder):
-    assert cv2.imwrite(str(folder / "front.jpg"), np.zeros((8, 10, 3), np.uint8))
-    content = (folder / "front.jpg").read_bytes() + b"IEND\xaeB`\x82"
-    with pytest.raises(ValueError, match="mine is cut off or no PNG"):
-        png.decode(content, 3, np.uint8, "mine")
-
-
 # Depth and its scale
 
 
 def test_arrays_have_no_depth_that_is_negative_or_infinite():
     depth = np.array([[1.0, -0.1, np.nan], [np.inf, -np.inf, 0.0], [1e300, 2.0, -1e300]])
-    (view,) = Observation.from_arrays(
-        [np.zeros((3, 3, 3), np.uint8)], [depth], [np.diag([450.0, 450, 1])], [np.eye(4)]
-    ).views
+    colors, matrix = np.zeros((3, 3, 3), np.uint8), np.diag([450.0, 450, 1])
+    (view,) = Observation.from_arrays([colors], [depth], [matrix], [np.eye(4)]).views
     assert view.depth.dtype == np.float32 and view.depth.tolist() == [[1, 0, 0], [0, 0, 0], [0, 2, 0]]
 
 
@@ -120,13 +118,10 @@ def test_depth_that_no_picture_can_hold_was_not_measured(tmp_path, value):
         assert (depth[:5] == 0).all() and depth[5:8, 0] == pytest.approx([6.5535, 0.7123, 1.0])
 
 
-def test_what_is_not_measured_anywhere_can_be_saved(tmp_path):
+def test_what_is_not_measured_anywhere_can_be_saved_and_far_depth_in_larger_steps_alone(tmp_path):
     for nothing in (0.0, math.nan):
-        scene(nothing).save(tmp_path)
-        assert (Observation.load(tmp_path).views[0].depth == 0).all()
-
-
-def test_far_depth_can_be_saved_in_larger_steps_alone(tmp_path):
+        scene(nothing).save(tmp_path / "empty")
+        assert (Observation.load(tmp_path / "empty").views[0].depth == 0).all()
     scene(60.0).save(tmp_path / "scene", 0.001)
     assert Observation.load(tmp_path / "scene").views[0].depth == pytest.approx(60.0)
     for refused in (lambda: scene(60.0).save(tmp_path / "new"), lambda: quantized(scene(60.0))):
@@ -135,24 +130,12 @@ def test_far_depth_can_be_saved_in_larger_steps_alone(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_pictures_are_kept_as_they_always_were(folder):
-    """The bytes decide the names of episodes, and what checkpoints say of their data."""
-    (view,) = scene().views
-    pictures = {"depth": np.round(view.depth / 1e-4).astype(np.uint16), "color": view.rgb[..., ::-1]}
-    for name, picture in pictures.items():
-        expected = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
-        assert (folder / f"front.{name}.png").read_bytes() == expected
-
-
 # Poses
 
 
 def test_a_reflected_camera_is_no_observation_but_its_mistake_is_found(tmp_path, capsys):
     folder = shutil.copytree(WORKBENCH, tmp_path / "workbench")
-    content = json.loads((folder / "cameras.json").read_text())
-    for entry in content["cameras"]:
-        entry["pose"] = (np.array(entry["pose"]) @ np.diag([1, -1, 1, 1])).tolist()
-    (folder / "cameras.json").write_text(json.dumps(content))
+    change(folder, lambda entry: {"pose": (np.array(entry["pose"]) @ np.diag([1, -1, 1, 1])).tolist()})
     with pytest.raises(ValueError, match=r"pose of camera 'overhead' must be .*\(no reflection\)"):
         Observation.load(folder)
     assert len(read_raw(folder)) == 3
@@ -163,43 +146,19 @@ def test_a_reflected_camera_is_no_observation_but_its_mistake_is_found(tmp_path,
 # Recorded steps
 
 
-def step(**changes):
-    action = PickPlace(Pose2(0.4, 0.0, 0.1), Pose2(0.6, 0.1, 0.2))
-    return DemonstrationStep(scene(), SENTENCE, dataclasses.replace(ExpertAction(action), **changes))
+def step(place=0.1, **symmetry):
+    action = PickPlace(Pose2(0.4, 0.0, 0.1), Pose2(0.6, place, 0.2))
+    return DemonstrationStep(scene(), "put the red block in the blue bowl", ExpertAction(action, **symmetry))
 
 
-@pytest.mark.parametrize("copies", [1, 2, 3, 4, 7, 360])
-def test_a_symmetry_by_a_whole_number_of_copies_is_kept(tmp_path, copies):
-    step(pick_symmetry=2 * math.pi / copies).save(tmp_path)
-    assert DemonstrationStep.load(tmp_path).expert.pick_symmetry == 2 * math.pi / copies
-    step(place_symmetry=round(2 * math.pi / copies, 8)).save(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "symmetry", [5e-324, 1e-300, 1e-9, 2 * math.pi / 361, 1e5, 1e308, -1.0, math.nan, math.inf, 90]
-)
-def test_a_symmetry_that_is_none_is_refused(symmetry):
-    with pytest.raises(ValueError, match="pick_symmetry must be the smallest turn in radians that changes nothing"):
-        step(pick_symmetry=symmetry)
-
-
-@pytest.mark.parametrize("symmetry", ["5e-324", "1e999", "1" + 400 * "0", "NaN"])
-def test_a_hostile_number_in_an_action_is_refused(tmp_path, symmetry):
-    step().save(tmp_path)
-    path = tmp_path / "action.json"
-    path.write_text(path.read_text().replace('"pick_symmetry": 0.0', f'"pick_symmetry": {symmetry}'))
-    with pytest.raises(ValueError, match=r"action\.json") as caught:
-        DemonstrationStep.load(tmp_path)
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_an_action_without_a_place_is_refused(value):
-    with pytest.raises(ValueError, match="place must have finite numbers, got Pose2"):
-        step(action=PickPlace(Pose2(0.4, 0.0), Pose2(0.6, value)))
-
-
-def test_a_superscript_in_a_name_is_no_number(tmp_path):
+def test_poses_are_finite_symmetries_are_kept_and_a_superscript_in_a_name_is_no_number(tmp_path):
+    for value in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="place must have finite numbers, got Pose2"):
+            step(value)
+    for copies in (1, 7, 360):
+        step(pick_symmetry=2 * math.pi / copies).save(tmp_path)
+        assert DemonstrationStep.load(tmp_path).expert.pick_symmetry == 2 * math.pi / copies
+        step(place_symmetry=round(2 * math.pi / copies, 8)).save(tmp_path)
     for name in ("step-2", "step-10", "step-²"):
         step().save(tmp_path / "mine" / "episode" / name)
     assert len(Demonstration.load(tmp_path / "mine" / "episode").steps) == 3

@@ -3,18 +3,18 @@
 It needs Chromium with its driver (``apt install chromium chromium-driver``) and selenium in an environment of its own::
 
     python3 -m venv /tmp/browser && /tmp/browser/bin/pip install selenium
-    /tmp/browser/bin/python tests/browser/mark_action.py --pictures /tmp/pictures
+    /tmp/browser/bin/python tests/browser/mark_action.py /tmp/pictures
 
 pytest does not collect it. It starts JupyterLab of this folder's .venv on this machine alone, with a notebook in a
-temporary folder. ``--pictures`` keeps pictures of the page, for you to look at.
+temporary folder. The argument is a folder for pictures of the page, for you to look at.
 """
 
-import argparse
 import json
 import math
 import os
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -88,14 +88,15 @@ def start_lab(folder, port):
     )  # fmt: skip
 
 
-def start_browser(folder, chromium, driver):
+def start_browser(folder):
     options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for flag in ("headless=new", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "window-size=1200,1100",
-                 "disable-background-networking", "disable-component-update", "disable-sync",
-                 f"user-data-dir={folder / 'browser'}"):  # fmt: skip
+    options.binary_location = "/usr/bin/chromium"
+    flags = ("headless=new", "no-sandbox", "disable-gpu", "no-first-run", "window-size=1200,1100", "disable-sync")
+    for flag in (*flags, f"user-data-dir={folder / 'browser'}"):
         options.add_argument(f"--{flag}")
-    return webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    browser = webdriver.Chrome(options=options, service=webdriver.ChromeService("/usr/bin/chromedriver"))
+    browser.set_script_timeout(300)
+    return browser
 
 
 class Page:
@@ -127,17 +128,22 @@ class Page:
 
     @property
     def canvas(self):
-        return self.browser.find_element(By.CSS_SELECTOR, ".gem-mark canvas")
+        return self.find("canvas")
 
-    def text(self, selector):
-        return self.browser.find_element(By.CSS_SELECTOR, f".gem-mark {selector}").text
+    def find(self, selector):
+        return self.browser.find_element(By.CSS_SELECTOR, f".gem-mark {selector}")
+
+    def wait_for_hint(self, text):
+        self.wait(lambda _: self.find(".hint").text == text)
+
+    def undo_both(self):
+        self.find(".undo").click()
+        self.find(".undo").click()
 
     def press(self, row, col, degrees=None, way=60, kind="mouse", pixels=PIXELS):
         """Press at a cell's centre, drag by ``way`` pixels of the page in a direction, and let go."""
-        box = self.browser.execute_script(
-            "const b = arguments[0].getBoundingClientRect(); return [b.x, b.y]", self.canvas
-        )
-        x, y = round(box[0] + (col + 0.5) * pixels), round(box[1] + (row + 0.5) * pixels)
+        box = self.canvas.rect
+        x, y = round(box["x"] + (col + 0.5) * pixels), round(box["y"] + (row + 0.5) * pixels)
         pointer = PointerInput(kind, kind)
         chain = ActionChains(self.browser, duration=50, devices=[pointer])
         pointer.create_pointer_move(duration=0, x=x, y=y)
@@ -155,47 +161,32 @@ class Page:
             self.pictures.mkdir(parents=True, exist_ok=True)
             self.browser.save_screenshot(str(self.pictures / f"{name}.png"))
 
-    def use_dark(self):
-        self.browser.execute_async_script(
-            "window.jupyterapp.commands.execute('apputils:change-theme', {theme: 'JupyterLab Dark'}).then(arguments[0])"
-        )
-        time.sleep(2)
-
 
 def check(got, row, col, degrees):
     """A printed pose lies within half a cell and 3 degrees of where it was marked."""
     x, y = X_MIN + (col + 0.5) * CELL, Y_MAX - (row + 0.5) * CELL
     turn = (math.degrees(got["yaw"]) - degrees + 180) % 360 - 180
-    print(
-        f"marked x {x:.4f} y {y:.4f} {degrees:6.1f} deg, read x {got['x']:.4f} y {got['y']:.4f} off by {turn:.2f} deg"
-    )
     assert abs(got["x"] - x) <= CELL / 2 and abs(got["y"] - y) <= CELL / 2 and abs(turn) <= 3
 
 
 def mark_and_keep(page):
     assert page.action() == "the pick is not marked yet: click where the tool shall pick"
-    assert page.text(".hint") == "Click where the tool shall pick; drag to turn it."
-    page.picture("1-empty")
+    page.wait_for_hint("Click where the tool shall pick; drag to turn it.")
     page.press(70, 20, 40)
     assert page.action() == "the place is not marked yet: click where the tool shall place"
-    assert page.text(".hint") == "Click where the tool shall place; drag to turn it."
+    page.wait_for_hint("Click where the tool shall place; drag to turn it.")
     page.press(100, 74, -60, way=120, kind="touch")  # ends outside the canvas
     got = page.action()
     check(got["pick"], 70, 20, 40)
     check(got["place"], 100, 74, -60)
-    box = page.browser.find_element(By.CSS_SELECTOR, ".gem-mark textarea")
-    box.send_keys("put it there")
-    page.browser.find_element(By.CSS_SELECTOR, ".gem-mark .keep").click()
-    page.wait(lambda _: page.text(".hint") == 'Not kept: no bowl in "put it there"')
-    page.picture("2-refused")
-    box.send_keys(Keys.CONTROL + "a")
-    box.send_keys(SENTENCE)
-    page.picture("3-marked")
-    page.browser.find_element(By.CSS_SELECTOR, ".gem-mark .keep").click()
-    page.wait(lambda _: page.text(".hint") == "Kept.")
+    for sentence, hint in (("put it there", 'Not kept: no bowl in "put it there"'), (SENTENCE, "Kept.")):
+        page.find("textarea").send_keys(Keys.CONTROL + "a")
+        page.find("textarea").send_keys(sentence)
+        page.find(".keep").click()
+        page.wait_for_hint(hint)
+        page.picture(hint.partition(":")[0])
     got = page.action()
     assert got["is_kept"] and got["kept"] == 1 and got["said"] == SENTENCE
-    page.picture("4-kept")
 
 
 def change_marks(page):
@@ -211,55 +202,40 @@ def change_marks(page):
     page.press(20, 40, 90)  # on no mark
     page.press(-3, 20, 90)  # above the map
     assert page.action() == after
-    undo = page.browser.find_element(By.CSS_SELECTOR, ".gem-mark .undo")
-    undo.click()
-    undo.click()
+    page.undo_both()
     assert page.action() == "the pick is not marked yet: click where the tool shall pick"
     page.canvas.send_keys(Keys.ENTER, Keys.ARROW_LEFT, "]", Keys.ENTER, Keys.ARROW_DOWN)
     got = page.action()
     check(got["pick"], 79.5, 38.5, -10)
     check(got["place"], 80.5, 39.5, 0)
-    page.picture("5-one-over-the-other")
-    undo.click()
-    undo.click()
+    page.undo_both()
     page.press(1, 1)
     page.press(158, 78, 180)
-    page.picture("6-corners")
     got = page.action()
     check(got["pick"], 1, 1, 0)
     check(got["place"], 158, 78, 180)
 
 
 def use_small_page(page):
-    """A page that shows the canvas at half its size, in the dark theme."""
-    page.use_dark()
-    page.picture("7-dark")
+    """A page that shows the canvas at half its size."""
     page.browser.execute_script("arguments[0].parentElement.style.width = '160px'", page.canvas)
-    undo = page.browser.find_element(By.CSS_SELECTOR, ".gem-mark .undo")
-    undo.click()
-    undo.click()
+    page.undo_both()
     page.press(40, 10, 135, pixels=PIXELS / 2)
     page.press(120, 60, -90, pixels=PIXELS / 2)
     got = page.action()
     check(got["pick"], 40, 10, 135)
     check(got["place"], 120, 60, -90)
-    page.picture("8-small")
+    page.picture("small")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=Path, help="a folder for pictures of the page")
-    parser.add_argument("--chromium", default="/usr/bin/chromium")
-    parser.add_argument("--driver", default="/usr/bin/chromedriver")
-    args = parser.parse_args()
+    pictures = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder, port = Path(name), free_port()
         lab = start_lab(folder, port)
-        browser = None
+        browser = start_browser(folder)
         try:
-            browser = start_browser(folder, args.chromium, args.driver)
-            browser.set_script_timeout(300)
-            page = Page(browser, args.pictures)
+            page = Page(browser, pictures)
             for _ in range(100):
                 with socket.socket() as one:
                     if one.connect_ex(("127.0.0.1", port)) == 0:
@@ -267,20 +243,16 @@ def main():
                 time.sleep(0.5)
             browser.get(f"http://127.0.0.1:{port}/lab/tree/mark.ipynb?reset")
             page.wait(lambda b: b.execute_script(IS_READY))
-            page.browser.execute_script("window.jupyterapp.shell.collapseLeft()")
+            browser.execute_script("window.jupyterapp.shell.collapseLeft()")
             page.run_cell(0)
             page.run_cell(1)
             page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, ".gem-mark canvas"))
             time.sleep(1)
-            mark_and_keep(page)
-            change_marks(page)
-            use_small_page(page)
+            for part in (mark_and_keep, change_marks, use_small_page):
+                part(page)
             print("all marks were read back")
         finally:
-            if browser:
-                if args.pictures:
-                    Page(browser, args.pictures).picture("last")
-                browser.quit()
+            browser.quit()
             lab.terminate()
             lab.wait(30)
 
