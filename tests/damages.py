@@ -24,6 +24,14 @@ def png_that_claims(width, height):
     return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
 
 
+def change_cameras(folder, change):
+    """``change`` the entry of each camera in cameras.json, in place."""
+    content = json.loads((folder / "cameras.json").read_text())
+    for entry in content["cameras"]:
+        change(entry)
+    (folder / "cameras.json").write_text(json.dumps(content))
+
+
 def archive(demonstration):
     """The bytes of an episode as earlier versions wrote it: an archive of arrays."""
     arrays, steps = {}, []

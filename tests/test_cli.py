@@ -40,7 +40,9 @@ def help_of(name):
 
 
 def examples():
+    """The command lines at the end of each help: there is at least one."""
     endings = {name: help_of(name).partition("Examples:\n")[2] for name in COMMANDS}
+    assert all(endings.values())
     return [(name, line.strip()) for name, ending in endings.items() for line in ending.splitlines()]
 
 
@@ -82,16 +84,10 @@ def test_the_overview_and_a_group_list_their_commands(capsys):
     assert help_of("clip") == listed
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_help_ends_with_examples(name):
-    assert help_of(name).startswith(f"Usage: gem-lite {name} ") or name in ("demo", "names")
-    lines = help_of(name).rstrip("\n").partition("Examples:\n")[2].splitlines()
-    assert lines and all(shlex.split(line)[: 1 + len(name.split())] == ["gem-lite", *name.split()] for line in lines)
-
-
 @pytest.mark.parametrize(("name", "example"), examples())
 def test_an_example_is_read_as_it_stands_and_reads_what_is_there(name, example, started):
     words = shlex.split(example)
+    assert words[: 1 + len(name.split())] == ["gem-lite", *name.split()]
     if name == "train":
         started(*words[2:])
     else:
@@ -193,63 +189,58 @@ def test_a_module_from_outside_is_loaded_before_names_are_read(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("line", "module", "function", "sentence"),
+    ("line", "module", "function", "where"),
     [
-        ("collect a demos", collecting, "collect", "stopped; the same command goes on from the episodes in demos"),
-        (
-            "train demos policy.safetensors", train, "train_from_folder",
-            "stopped; the same command goes on from the last state in runs/policy-aa3ef115",
-        ),
-        ("results list", results, "read_rows", "stopped"),
+        ("collect a demos", collecting, "collect", "; the same command goes on from the episodes in demos"),
+        ("train demos policy.safetensors", train, "train_from_folder",
+         "; the same command goes on from the last state in runs/policy-aa3ef115"),
+        ("results list", results, "read_rows", ""),
     ],
 )  # fmt: skip
-def test_ctrl_c_says_how_to_go_on(line, module, function, sentence, monkeypatch, capsys):
+def test_ctrl_c_says_how_to_go_on(line, module, function, where, monkeypatch, capsys):
     def stopped(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(module, function, stopped)
     assert main(line.split()) == 130
-    assert capsys.readouterr().err.strip() == sentence
+    assert capsys.readouterr().err.strip() == f"stopped{where}"
 
 
 @pytest.fixture
-def at_home(tmp_path, monkeypatch):
-    """Runs a command line in a folder of its own; rows that it files go there, too."""
+def at_home(tmp_path, monkeypatch, capsys):
+    """Runs a command line in a folder of its own, where the rows go that it files. Returns what it prints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(results, "RESULTS", tmp_path / "filed")
 
     def run(*words):
-        return main([str(word) for word in words])
+        assert main([str(word) for word in words]) == 0
+        return capsys.readouterr().out
 
     return run
 
 
-def test_collect_and_verify(at_home, tmp_path, capsys):
-    assert at_home("collect", "bars-in-box", "demos", "--episodes", 1, "--world", "varied") == 0
-    collected = capsys.readouterr().out
+def test_collect_and_verify(at_home, tmp_path):
+    collected = at_home("collect", "bars-in-box", "demos", "--episodes", 1, "--world", "varied")
     assert "demos: 1 episodes, 1 steps, data hash " in collected
     assert json.loads((tmp_path / "demos" / "manifest.json").read_text())["world"] == "varied"
-    assert at_home("verify", "demos") == 0
-    assert capsys.readouterr().out == collected
+    assert at_home("verify", "demos") == collected
 
 
-def test_train_and_evaluate_and_show(at_home, jobs_here, tmp_path, capsys):
+def test_train_and_evaluate_and_show(at_home, jobs_here, tmp_path):
     checkpoint = tmp_path / "policy.safetensors"
-    assert at_home("train", DEMONSTRATIONS, checkpoint, "--method", "transporter-lan", "--episodes", 1, *SMALL) == 0
-    assert f"wrote {checkpoint} after " in capsys.readouterr().out
+    printed = at_home("train", DEMONSTRATIONS, checkpoint, "--method", "transporter-lan", "--episodes", 1, *SMALL)
+    assert f"wrote {checkpoint} after " in printed
     card = read_card(checkpoint)
     assert (card["config"]["steps"], card["config"]["widths"], card["demos"]) == (2, [8, 8, 8, 8], 1)
     assert card["demonstrations_split"] == "train"
     assert not list((tmp_path / "runs").glob("policy-*/state.pt"))
-    assert at_home("evaluate", "transporter-lan", TASK, "--checkpoint", checkpoint, "--episodes", 1, "--file") == 0
-    assert "transporter-lan on put-block-in-bowl-seen-colors, all: " in capsys.readouterr().out
+    printed = at_home("evaluate", "transporter-lan", TASK, "--checkpoint", checkpoint, "--episodes", 1, "--file")
+    assert "transporter-lan on put-block-in-bowl-seen-colors, all: " in printed
     (row,) = results.read_rows(tmp_path / "filed" / "put-block-in-bowl.jsonl")
     assert (row["steps"], row["demos"], row["episodes"]) == (2, 1, 1)
-    assert at_home("results", "show", "put-block-in-bowl") == 0
-    shown = capsys.readouterr().out
+    shown = at_home("results", "show", "put-block-in-bowl")
     assert shown.startswith("transporter-lan on put-block-in-bowl-seen-colors, in home, demos 1, steps 2, seed 0: ")
-    assert at_home("results", "list", "--folder", "filed") == 0
-    assert capsys.readouterr().out == "put-block-in-bowl: 1 rows, of transporter-lan\n"
+    assert at_home("results", "list", "--folder", "filed") == "put-block-in-bowl: 1 rows, of transporter-lan\n"
 
 
 def test_several_processes_train_by_the_same_command(tmp_path):
@@ -262,13 +253,11 @@ def test_several_processes_train_by_the_same_command(tmp_path):
     assert read_card(tmp_path / "policy.safetensors")["config"]["steps"] == 2
 
 
-def test_several_tables(at_home, jobs_here, capsys):
+def test_several_tables(at_home, jobs_here):
     words = ("--tasks", "object-sorting-seen", "--episodes", 1, "--out", "rows.jsonl")
-    assert at_home("several-tables", SORTING_POLICY, *words) == 0
-    printed = capsys.readouterr().out
+    printed = at_home("several-tables", SORTING_POLICY, *words)
     assert "object-sorting-seen, tags, 0.0 m, 0.0 rad: " in printed and "object-sorting-seen, truth, " in printed
-    assert at_home("results", "show", "rows.jsonl") == 0
-    assert capsys.readouterr().out.count("\n") == 2
+    assert at_home("results", "show", "rows.jsonl").count("\n") == 2
 
 
 def test_stored_results_are_listed_and_shown(capsys):

@@ -1,13 +1,12 @@
 """Folders of scenes and recorded steps that a stranger made: what they hold is read, or refused in one sentence."""
 
-import json
 import math
 import shutil
 
 import cv2
 import numpy as np
 import pytest
-from damages import png_that_claims
+from damages import change_cameras, png_that_claims
 
 from gem_lite import clip
 from gem_lite.actions import ExpertAction, PickPlace
@@ -32,14 +31,6 @@ def folder(tmp_path):
     return tmp_path / "scene"
 
 
-def change(folder, entries_of):
-    """Change the entries of each camera in cameras.json."""
-    content = json.loads((folder / "cameras.json").read_text())
-    for entry in content["cameras"]:
-        entry |= entries_of(entry)
-    (folder / "cameras.json").write_text(json.dumps(content))
-
-
 def test_pictures_are_kept_as_they_always_were(folder):
     """The bytes decide the names of episodes, and what checkpoints say of their data."""
     (loaded,), (view,) = Observation.load(folder).views, scene().views
@@ -60,11 +51,11 @@ def test_a_picture_outside_the_folder_is_refused(folder, key):
     (folder / "below").mkdir()
     shutil.copy(folder / name, folder / "below" / "picture.png")
     for outside in ("../secret.png", str(folder.parent / "secret.png"), "below/../../secret.png", ".."):
-        change(folder, lambda _, outside=outside: {key: outside})
+        change_cameras(folder, lambda entry, outside=outside: entry.update({key: outside}))
         with pytest.raises(ValueError, match=rf"cameras 0 {key} must be a picture in the folder, got ") as caught:
             Observation.load(folder)
         assert outside in str(caught.value)
-    change(folder, lambda _: {key: "below/picture.png"})
+    change_cameras(folder, lambda entry: entry.update({key: "below/picture.png"}))
     assert len(Observation.load(folder).views) == 1
 
 
@@ -134,8 +125,8 @@ def test_what_is_not_measured_anywhere_can_be_saved_and_far_depth_in_larger_step
 
 
 def test_a_reflected_camera_is_no_observation_but_its_mistake_is_found(tmp_path, capsys):
-    folder = shutil.copytree(WORKBENCH, tmp_path / "workbench")
-    change(folder, lambda entry: {"pose": (np.array(entry["pose"]) @ np.diag([1, -1, 1, 1])).tolist()})
+    folder, mirror = shutil.copytree(WORKBENCH, tmp_path / "workbench"), np.diag([1, -1, 1, 1])
+    change_cameras(folder, lambda entry: entry.update(pose=(np.array(entry["pose"]) @ mirror).tolist()))
     with pytest.raises(ValueError, match=r"pose of camera 'overhead' must be .*\(no reflection\)"):
         Observation.load(folder)
     assert len(read_raw(folder)) == 3

@@ -10,6 +10,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from damages import change_cameras
 from scipy.spatial.transform import Rotation
 
 from gem_lite import clip
@@ -24,6 +25,7 @@ from gem_lite.se2 import Workspace
 FOREIGN = clip.DATA / "foreign-scenes"
 SENTENCES = json.loads((FOREIGN / "sentences.json").read_text())
 SCENES = tuple(SENTENCES)
+WORKSPACE = Workspace()
 
 
 def things(scene):
@@ -34,16 +36,7 @@ def things(scene):
 
 @pytest.fixture
 def copied(tmp_path):
-    """A folder that a test may damage."""
     return shutil.copytree(FOREIGN / "workbench", tmp_path / "scene")
-
-
-def change_cameras(folder, change):
-    """Change every camera's entry in cameras.json, in place."""
-    content = json.loads((folder / "cameras.json").read_text())
-    for entry in content["cameras"]:
-        change(entry)
-    (folder / "cameras.json").write_text(json.dumps(content))
 
 
 # Scenes in folders and from arrays.
@@ -54,8 +47,8 @@ def test_a_saved_observation_is_loaded_again(tmp_path):
     assert [view.rgb.shape for view in before.views] == [(480, 640, 3), (360, 640, 3), (480, 640, 3)]
     before.save(tmp_path / "scene", depth_scale=2e-4)
     after = Observation.load(tmp_path / "scene")
-    columns = zip(*((v.rgb, v.depth, v.camera.matrix, np.array(v.camera.pose)) for v in before.views), strict=True)
-    made = Observation.from_arrays(*columns, [view.camera.name for view in before.views])
+    rows = ((v.rgb, v.depth, v.camera.matrix, np.array(v.camera.pose), v.camera.name) for v in before.views)
+    made = Observation.from_arrays(*zip(*rows, strict=True))
     for old, new, array in zip(before.views, after.views, made.views, strict=True):
         assert new.camera == array.camera == old.camera
         assert np.array_equal(new.rgb, old.rgb) and np.array_equal(array.depth, old.depth)
@@ -64,12 +57,12 @@ def test_a_saved_observation_is_loaded_again(tmp_path):
 
 def test_a_single_view_is_enough_and_pixels_without_a_depth_are_no_points():
     views = Observation.load(FOREIGN / "desk").views
-    maps = [fuse_views([view], Workspace()) for view in views]
+    maps = [fuse_views([view], WORKSPACE) for view in views]
     assert all(one.seen.mean() > 0.5 for one in maps) and maps[0].seen.mean() > 0.9
     view = views[0]
     holes = np.where(np.indices(view.depth.shape)[1] < 320, np.nan, view.depth)
     (half,) = Observation.from_arrays([view.rgb], [holes], [view.camera.matrix], [view.camera.pose]).views
-    found = fuse_views([half], Workspace())
+    found = fuse_views([half], WORKSPACE)
     assert 0.3 < found.seen.mean() < 0.6
     assert np.allclose(found.height[found.seen], maps[0].height[found.seen], atol=0.05)
 
@@ -147,10 +140,9 @@ def angles_in_degrees(axes):
 
 
 def along_ray(view):
-    height, width = view.depth.shape
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(np.array(view.intrinsics)).T
-    return replace(view, depth=view.depth * np.linalg.norm(rays, axis=-1).astype(np.float32))
+    seen = view.view()
+    distance = np.linalg.norm(seen.points() - seen.camera.position, axis=-1)
+    return replace(view, depth=distance.astype(np.float32))
 
 
 def in_millimetres(pose):
@@ -183,9 +175,8 @@ MISTAKES = {
 @pytest.mark.parametrize("scene", SCENES)
 def test_right_cameras_give_no_warning(scene):
     views = read_raw(FOREIGN / scene)
-    assert camera_check.check(views, Workspace()) == []
-    for view in views:
-        assert camera_check.check([view], Workspace()) == []
+    for given in (views, *([view] for view in views)):
+        assert camera_check.check(given, WORKSPACE) == []
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -193,10 +184,10 @@ def test_right_cameras_give_no_warning(scene):
 def test_a_mistake_of_all_cameras_or_of_one_is_named(scene, mistake):
     views = read_raw(FOREIGN / scene)
     for make in MISTAKES[mistake]:
-        everywhere = camera_check.check([make(view) for view in views], Workspace())
+        everywhere = camera_check.check([make(view) for view in views], WORKSPACE)
         assert {finding.mistake for finding in everywhere} == {mistake}
         assert sorted(name for finding in everywhere for name in finding.cameras) == ["left", "overhead", "right"]
-        (alone,) = camera_check.check([make(views[0]), *views[1:]], Workspace())
+        (alone,) = camera_check.check([make(views[0]), *views[1:]], WORKSPACE)
         assert (alone.mistake, alone.cameras) == (mistake, ("overhead",))
 
 
@@ -216,13 +207,13 @@ def reordered(shift):
     return remade(lambda rotation: Rotation.from_quat(np.roll(rotation.as_quat(), shift)))
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", ["workbench", "kitchen"])
 def test_other_mistakes_of_a_camera_are_named(scene):
     views = read_raw(FOREIGN / scene)
 
     def named(make, number):
         changed = [make(view) if i == number else view for i, view in enumerate(views)]
-        (finding,) = camera_check.check(changed, Workspace())
+        (finding,) = camera_check.check(changed, WORKSPACE)
         return finding.mistake, finding.cameras
 
     for number, name in enumerate(("overhead", "left", "right")):
@@ -232,15 +223,15 @@ def test_other_mistakes_of_a_camera_are_named(scene):
         assert named(reordered(1), number) == named(reordered(-1), number) == ("quaternion order", (name,))
         assert named(lambda view: replace(view, depth=view.depth / 4), number) == ("depth scale", (name,))
     others = [views[0], replace(views[1], pose=views[2].pose), replace(views[2], pose=views[1].pose)]
-    (finding,) = camera_check.check(others, Workspace())
+    (finding,) = camera_check.check(others, WORKSPACE)
     assert finding.mistake == "poses exchanged"
 
 
 def test_sentences_hold_numbers_and_what_no_mistake_explains_is_named():
-    (finding,) = camera_check.check([replace(view, depth=view.depth / 4) for view in SHELF], Workspace())
+    (finding,) = camera_check.check([replace(view, depth=view.depth / 4) for view in SHELF], WORKSPACE)
     factors = re.findall(r"[\d.]+", finding.sentence)
     assert len(factors) == 3 and all(abs(float(factor) - 4) < 0.1 for factor in factors)
-    (finding,) = camera_check.check([SHELF[0], shifted(0, 0, 0.02)(SHELF[1]), SHELF[2]], Workspace())
+    (finding,) = camera_check.check([SHELF[0], shifted(0, 0, 0.02)(SHELF[1]), SHELF[2]], WORKSPACE)
     assert re.search(r"tilted by 0\.[012] degrees and lies (19|20|21) mm from z = 0", finding.sentence)
 
 
@@ -248,13 +239,13 @@ def test_what_the_check_does_not_find():
     roll = Rotation.from_euler("z", 3, degrees=True).as_matrix()  # about the viewing axis
     for number in range(3):
         views = [changed_rotation(view, lambda r: r @ roll) if i == number else view for i, view in enumerate(SHELF)]
-        assert camera_check.check(views, Workspace()) == []
+        assert camera_check.check(views, WORKSPACE) == []
     everywhere = [shifted(0.05, 0, 0)(view) for view in SHELF]
-    assert camera_check.check(everywhere, Workspace()) == [], "all cameras 5 cm sideways"
+    assert camera_check.check(everywhere, WORKSPACE) == [], "all cameras 5 cm sideways"
     blind = replace(SHELF[1], depth=np.zeros_like(SHELF[1].depth))
-    (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], Workspace())
+    (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], WORKSPACE)
     assert (finding.mistake, finding.cameras) == ("no depth", ("left",))
-    (finding,) = camera_check.check([shifted(0, 0, 0.15)(view) for view in SHELF], Workspace())
+    (finding,) = camera_check.check([shifted(0, 0, 0.15)(view) for view in SHELF], WORKSPACE)
     assert finding.mistake == "table not found" and "is the table at z = 0" in finding.sentence
 
 

@@ -16,7 +16,7 @@ from transformers import PreTrainedTokenizerBase
 
 from gem_lite.clip import loading
 from gem_lite.clip.calibration import Calibration, read
-from gem_lite.clip.loading import Preprocessing
+from gem_lite.clip.loading import RESAMPLING, Preprocessing
 from gem_lite.clip.resnet_clip import ResNetClip
 from gem_lite.foundations.files import DATA
 
@@ -61,7 +61,7 @@ class Clip:
         self.tokenizer = tokenizer
         self.longest = min(tokenizer.model_max_length, self._model.config.text_config.max_position_embeddings)
         self._size = prepared.size
-        self._resampling = prepared.mode
+        self._resampling = RESAMPLING[prepared.resample]
         mean, std = (255 * torch.tensor(values).view(3, 1, 1) for values in (prepared.mean, prepared.std))
         self._scale = 1 / std
         self._shift = -mean / std
@@ -119,9 +119,8 @@ class Clip:
                     raise ValueError(
                         f"a phrase may have at most {self.longest} tokens for {self.name}, got {count}: {phrase!r:.100}"
                     )
-            features = self._model.get_text_features(
-                input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]
-            )
+            words = {name: tokens[name] for name in ("input_ids", "attention_mask")}
+            features = self._model.get_text_features(**words)
             for phrase, feature in zip(new, unit(features), strict=True):
                 known[phrase] = self._texts[phrase] = feature
         return torch.stack([known[phrase] for phrase in phrases])

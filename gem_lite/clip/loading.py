@@ -34,11 +34,6 @@ class Preprocessing:
     std: tuple[float, ...]
     resample: int
 
-    @property
-    def mode(self) -> str:
-        """The name of the resampling."""
-        return RESAMPLING[self.resample]
-
     @classmethod
     def read(cls, entries: dict) -> Preprocessing:
         """From the entries of preprocessor_config.json. Raises ValueError for what is missing or not supported."""

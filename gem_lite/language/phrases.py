@@ -3,10 +3,8 @@
 A location word stands in front of a thing: "left red block". Other wordings mean the same: "leftmost red block", "red
 block on the left". In a name ("left shoe", "top hat") the same word says nothing about where the thing lies.
 
-A patch does not show where on the table it lies, so such a word acts on the whole map (`maps.query_maps.located`).
-Other location words belong to a thing and not to the table: "front left tip to back left corner" of a square. The
-embedded CLIP gives such phrases nearly the same embedding. So the networks of every method get the words themselves,
-too: `location_code`. All this is ours.
+Such a word acts on the whole map (`maps.query_maps.located`). Others belong to a thing: "front left tip to back left
+corner" of a square. The embedded CLIP hardly tells these apart. So networks get the words, too (`location_code`).
 """
 
 from __future__ import annotations

@@ -16,16 +16,9 @@ from scipy import sparse
 
 from gem_lite.clip import Clip
 from gem_lite.language import ImageQuery, Query
+from gem_lite.maps import patches
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
-from gem_lite.maps.patches import (
-    PatchConfig,
-    PatchEmbeddings,
-    blocks,
-    embed_patches,
-    paint_outside,
-    side_grid,
-    top_grid,
-)
+from gem_lite.maps.patches import PatchConfig, PatchEmbeddings
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, SortedPoints, fuse_views, sort_points
 
@@ -61,7 +54,7 @@ class SceneEmbedding:
 
         It depends on no query, so that a map costs only its product with the patches' scores.
         """
-        pixels, values = zip(*(blocks(side.grid) for side in self.sides), strict=True)
+        pixels, values = zip(*(patches.blocks(side.grid) for side in self.sides), strict=True)
         starts = np.cumsum([0, *(value.shape[0] for value in values)])
         groups = [numbers + start for numbers, start in zip(pixels, starts, strict=False)]
         return self.points.shares(groups, int(starts[-1])) @ sparse.block_diag(values, "csr")
@@ -83,14 +76,18 @@ def embed_views(
     points = sort_points(views, config.workspace)
     heightmap = fuse_views(views, config.workspace, points)
     sides = tuple(embed_view(*pair) for pair in zip(views, points.kept, strict=True)) if embed_view else ()
-    return SceneEmbedding(heightmap, points, sides, partial(embed_patches, heightmap.rgb, top_grid(config), clip))
+    return SceneEmbedding(
+        heightmap, points, sides, partial(patches.embed_patches, heightmap.rgb, patches.top_grid(config), clip)
+    )
 
 
 def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> SceneEmbedding:
     """Fuse the views and embed the patches of each view. The height map's patches are embedded at first use."""
 
     def embed_view(view: View, inside: np.ndarray) -> PatchEmbeddings:
-        return embed_patches(paint_outside(view.rgb, inside), side_grid(view.camera.size, config), clip, inside)
+        return patches.embed_patches(
+            patches.paint_outside(view.rgb, inside), patches.side_grid(view.camera.size, config), clip, inside
+        )
 
     return embed_views(views, clip, config, embed_view)
 
