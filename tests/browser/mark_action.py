@@ -3,10 +3,10 @@
 It needs Chromium with its driver (``apt install chromium chromium-driver``) and selenium in an environment of its own::
 
     python3 -m venv /tmp/browser && /tmp/browser/bin/pip install selenium
-    /tmp/browser/bin/python tests/browser/mark_action.py /tmp/pictures
+    /tmp/browser/bin/python tests/browser/mark_action.py
 
 pytest does not collect it. It starts JupyterLab of this folder's .venv on this machine alone, with a notebook in a
-temporary folder. The argument is a folder for pictures of the page, for you to look at.
+temporary folder.
 """
 
 import json
@@ -14,7 +14,6 @@ import math
 import os
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -102,8 +101,8 @@ def start_browser(folder):
 class Page:
     """The notebook in the browser."""
 
-    def __init__(self, browser, pictures):
-        self.browser, self.pictures = browser, pictures
+    def __init__(self, browser):
+        self.browser = browser
 
     def wait(self, condition, seconds=120):
         return WebDriverWait(self.browser, seconds, 0.2).until(condition)
@@ -156,11 +155,6 @@ class Page:
         pointer.create_pointer_up(button=0)
         chain.w3c_actions.perform()
 
-    def picture(self, name):
-        if self.pictures:
-            self.pictures.mkdir(parents=True, exist_ok=True)
-            self.browser.save_screenshot(str(self.pictures / f"{name}.png"))
-
 
 def check(got, row, col, degrees):
     """A printed pose lies within half a cell and 3 degrees of where it was marked."""
@@ -184,7 +178,6 @@ def mark_and_keep(page):
         page.find("textarea").send_keys(sentence)
         page.find(".keep").click()
         page.wait_for_hint(hint)
-        page.picture(hint.partition(":")[0])
     got = page.action()
     assert got["is_kept"] and got["kept"] == 1 and got["said"] == SENTENCE
 
@@ -225,36 +218,37 @@ def use_small_page(page):
     got = page.action()
     check(got["pick"], 40, 10, 135)
     check(got["place"], 120, 60, -90)
-    page.picture("small")
 
 
 def main():
-    pictures = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder, port = Path(name), free_port()
         lab = start_lab(folder, port)
-        browser = start_browser(folder)
         try:
-            page = Page(browser, pictures)
-            for _ in range(100):
-                with socket.socket() as one:
-                    if one.connect_ex(("127.0.0.1", port)) == 0:
-                        break
-                time.sleep(0.5)
-            browser.get(f"http://127.0.0.1:{port}/lab/tree/mark.ipynb?reset")
-            page.wait(lambda b: b.execute_script(IS_READY))
-            browser.execute_script("window.jupyterapp.shell.collapseLeft()")
-            page.run_cell(0)
-            page.run_cell(1)
-            page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, ".gem-mark canvas"))
-            time.sleep(1)
-            for part in (mark_and_keep, change_marks, use_small_page):
-                part(page)
-            print("all marks were read back")
+            with start_browser(folder) as browser:
+                mark_all(browser, port)
         finally:
-            browser.quit()
             lab.terminate()
             lab.wait(30)
+    print("all marks were read back")
+
+
+def mark_all(browser, port):
+    page = Page(browser)
+    for _ in range(100):
+        with socket.socket() as one:
+            if one.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.5)
+    browser.get(f"http://127.0.0.1:{port}/lab/tree/mark.ipynb?reset")
+    page.wait(lambda b: b.execute_script(IS_READY))
+    browser.execute_script("window.jupyterapp.shell.collapseLeft()")
+    page.run_cell(0)
+    page.run_cell(1)
+    page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, ".gem-mark canvas"))
+    time.sleep(1)
+    for part in (mark_and_keep, change_marks, use_small_page):
+        part(page)
 
 
 if __name__ == "__main__":
