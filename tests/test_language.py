@@ -278,10 +278,9 @@ def test_location_words_and_names(written, phrase):
     [
         "red left block", "top left block", "top-left block", "third-left block", "leftmost block on the right",
         "left middle brown block", "left red and blue blocks", "red and blue blocks on the left",
-        "left red block and the blue mug", "left and right blocks", "front block", "back block", "rear block",
-        "lower block", "leftmost of the blocks", "middle one of the blocks", "left one", "left edge",
-        "left corner of the box", "left shoe box", "middle of the left bowl", "block leftmost", "left", "middle",
-        "far left block", "block on the left side",
+        "left red block and the blue mug", "left and right blocks", "front block", "rear block", "left one", "left",
+        "leftmost of the blocks", "middle one of the blocks", "left corner of the box", "left shoe box",
+        "middle of the left bowl", "block leftmost", "far left block", "block on the left side",
     ],
 )  # fmt: skip
 def test_location_words_that_are_not_understood_are_refused(thing):
@@ -300,11 +299,9 @@ def test_location_words_that_are_not_understood_are_refused(thing):
 @pytest.mark.parametrize(
     "words",
     [
-        "that's on the plate", "that’s blue", "that\u02bcs blue", "thats blue", "it's", "isn't", "isnt", "you'd like",
-        "i've seen", "nearest to the mug", "closest to the mug", "furthest", "next", "next door to the mug", "fast",
-        "halfway", "forward", "10 cm", "10cm", "asap", "now", "stop", "with care", "with tongs", "with both hands",
-        "sideways", "upright", "upside-down", "near-by", "face-down", "flat", "deep", "high", "lying", "located",
-        "first", "2nd", "twice", "5 minutes", "like before", "either", "cancel", "well",
+        "that's on the plate", "that’s blue", "that\u02bcs blue", "isn't", "isnt", "you'd like", "next door to the mug",
+        "10 cm", "10cm", "asap", "now", "with care", "with tongs", "with both hands", "upside-down", "near-by", "flat",
+        "deep", "2nd", "5 minutes", "like before", "well",
     ],
 )  # fmt: skip
 def test_words_that_would_be_swallowed_are_refused(words):
@@ -317,11 +314,9 @@ def test_words_that_would_be_swallowed_are_refused(words):
 @pytest.mark.parametrize(
     "thing",
     [
-        "none of the blocks", "nothing", "everything", "no blocks", "zero blocks", "two blocks", "2 blocks",
-        "half of the blocks", "most of the blocks", "a couple of blocks", "the nearest block", "the closest block",
-        "the furthest block", "the next block", "the second block", "the 2nd block", "the last block",
-        "the other block", "the same block", "either block", "the matching block", "the non-red block",
-        "the not red block", "his block", "its block", "this block",
+        "none of the blocks", "nothing", "no blocks", "two blocks", "2 blocks", "half of the blocks",
+        "a couple of blocks", "the nearest block", "the second block", "the 2nd block", "the other block",
+        "the non-red block", "the not red block", "its block", "this block",
     ],
 )  # fmt: skip
 def test_things_that_need_more_than_a_name_are_refused(thing):

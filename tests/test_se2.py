@@ -5,18 +5,9 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from gem_lite import se2
 from gem_lite.actions import PickPlace
-from gem_lite.se2 import (
-    ImageMotion,
-    Pose2,
-    Workspace,
-    angle_bins,
-    angle_off,
-    quaternion,
-    rotate_image,
-    rotation_matrix,
-    wrap,
-)
+from gem_lite.se2 import ImageMotion, Pose2, Workspace, rotate_image, rotation_matrix, wrap
 
 QUARTER = math.pi / 2
 
@@ -51,9 +42,9 @@ def test_poses_turn_counter_clockwise_and_compose_in_the_frame_of_the_left():
     a, b = Pose2(0.3, -0.2, 0.7), Pose2(-0.1, 0.5, -2.0)
     x, y = Rotation.from_euler("z", a.yaw).as_matrix()[:2, :2] @ [b.x, b.y] + [a.x, a.y]
     assert same_pose(a @ b, Pose2(x, y, -1.3))
-    np.testing.assert_allclose(Rotation.from_quat(quaternion(QUARTER)).apply([1, 0, 0]), [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_quat(se2.quaternion(QUARTER)).apply([1, 0, 0]), [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(rotation_matrix(QUARTER) @ [0, 1], [-1, 0], atol=1e-12)  # right to up
-    np.testing.assert_allclose(np.degrees(angle_bins(36)), np.arange(0, 360, 10))
+    np.testing.assert_allclose(np.degrees(se2.angle_bins(36)), np.arange(0, 360, 10))
 
 
 @pytest.mark.parametrize(("pick", "place", "delta"), [(0.25, 1, 0.75), (1, 0.25, -0.75), (3, -3, 2 * math.pi - 6)])
@@ -127,7 +118,7 @@ def test_image_motion_moves_pixels_as_it_warps_images(degrees, shift):
 
 
 def test_angle_off_counts_to_the_nearest_equivalent_angle():
-    assert angle_off(np.radians(100), np.pi / 2) == pytest.approx(np.radians(10))
-    assert angle_off(np.radians(-170), np.pi) == pytest.approx(np.radians(10))
-    assert angle_off(np.radians(-170), 2 * np.pi) == pytest.approx(np.radians(170))
-    assert angle_off(1.0, 0.0) == 0.0
+    assert se2.angle_off(np.radians(100), np.pi / 2) == pytest.approx(np.radians(10))
+    assert se2.angle_off(np.radians(-170), np.pi) == pytest.approx(np.radians(10))
+    assert se2.angle_off(np.radians(-170), 2 * np.pi) == pytest.approx(np.radians(170))
+    assert se2.angle_off(1.0, 0.0) == 0.0
