@@ -193,9 +193,8 @@ class InputConfig:
 class Config(InputConfig):
     """What every method needs. The defaults are those of `lite`: for two CPU cores; `paper` is for a GPU.
 
-    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`, and
-    `ABLATIONS`. If its inputs need entries of their own, these are a class of their own (`INPUTS`), from which the
-    configuration derives, too.
+    A method derives its own configuration from this one: more fields, `PRESETS` with their values in `paper`,
+    `ABLATIONS`, and the class of its `INPUTS`, from which the configuration derives, too.
 
     Attributes:
         name: the preset from which it was made.

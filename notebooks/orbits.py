@@ -12,7 +12,7 @@ import torch
 
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import check_frequency, check_kernel, harmonics
-from gem_lite.steerable.correlation import sampling_matrix
+from gem_lite.steerable.correlation import sample_parts, sampling_matrix
 
 
 @lru_cache(maxsize=6)
@@ -71,6 +71,11 @@ def fourier(stack: torch.Tensor, frequency: int) -> torch.Tensor:
     """
     check_frequency(frequency, stack.shape[1])
     return torch.fft.fft(stack, dim=1, norm="forward")[:, : frequency + 1]
+
+
+def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+    """The values (B, R, H, W) of a response (B, K + 1, H, W) complex at angles (R,), see `sample_parts`."""
+    return sample_parts(torch.cat([response.real, response.imag], dim=1), angles)
 
 
 def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:

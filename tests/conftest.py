@@ -13,12 +13,14 @@ os.environ["XDG_CACHE_HOME"] = _CACHE.name
 os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402
+import torch  # noqa: E402
 from nbval.plugin import IPyNbCell  # noqa: E402
 from small import SMALL  # noqa: E402
 
 from gem_lite import clip  # noqa: E402
 from gem_lite.evaluation import collecting, workers  # noqa: E402
 from gem_lite.foundations import registry  # noqa: E402
+from gem_lite.policies.checkpoints import load_policy  # noqa: E402
 from gem_lite.policies.gem import Gem  # noqa: E402
 from gem_lite.simulation.world import World  # noqa: E402
 from gem_lite.tasks import Task  # noqa: E402
@@ -44,10 +46,21 @@ class StagedTask(Task):
         return None
 
 
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(0)
+
+
 @pytest.fixture(scope="session")
 def model():
     """The embedded CLIP."""
     return clip.load()
+
+
+@pytest.fixture(scope="session")
+def multi(model):
+    """The shipped policy of many tasks. It stays as it is."""
+    return load_policy(clip.DATA / "gem-multi.safetensors", model).eval()
 
 
 @pytest.fixture(scope="session")

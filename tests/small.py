@@ -21,3 +21,10 @@ def small(name, /, **changes):
 def weights(policy):
     """All weights of a policy, in one vector."""
     return torch.cat([parameter.detach().flatten() for parameter in policy.parameters()])
+
+
+def disturbed(module):
+    """A module in evaluation mode with random weights everywhere, also where training starts from 0."""
+    for parameter in module.parameters():
+        torch.nn.init.normal_(parameter, std=0.2)
+    return module.eval()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from small import small
+from small import disturbed, small
 
 from gem_lite.language import LOCATION_CODE_LENGTH
 from gem_lite.policies import checkpoints, methods
@@ -47,11 +47,8 @@ def trained_on(model, demo_set):
 
 
 def without_clip(name):
-    """A policy whose networks have random weights everywhere, also where training starts from 0."""
-    policy = methods.METHODS.find(name)(SMALL[name], types.SimpleNamespace(dim=D, width=WIDTH, inner_widths=INNER))
-    for parameter in policy.parameters():
-        torch.nn.init.normal_(parameter, std=0.2)
-    return policy.eval()
+    clip_sizes = types.SimpleNamespace(dim=D, width=WIDTH, inner_widths=INNER)
+    return disturbed(methods.METHODS.find(name)(SMALL[name], clip_sizes))
 
 
 def random_inputs(name, height, width, batch=1):
@@ -86,11 +83,6 @@ def alone(box):
         return kept
 
     return keep
-
-
-@pytest.fixture(autouse=True)
-def seeded():
-    torch.manual_seed(0)
 
 
 @pytest.mark.parametrize("name", methods.METHODS.names())
@@ -155,15 +147,6 @@ def test_place_queries_turn_with_the_object(name, turns):
     assert not torch.allclose(turned, before, atol=1e-2 * float(before.abs().max()))
 
 
-@pytest.mark.parametrize("name", BASELINES)
-def test_their_pick_does_not_turn_with_the_table(name):
-    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
-    turned = changed(inputs, *[lambda image, cell=None: torch.rot90(image, 1, dims=(-2, -1))] * 2)
-    with torch.no_grad():
-        expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL[name].angles // 4, dims=1)
-        assert (policy.score_pick(turned) - expected).abs().max() > 0.1 * expected.abs().max()
-
-
 def test_turned_crops_keep_the_pick_at_their_centre():
     image = torch.zeros(1, 1, 40, 40)
     image[0, 0, 10, 30] = 1.0
@@ -220,20 +203,6 @@ def test_grounding_multiplies_clips_features_with_the_words():
     assert not torch.allclose(plain, other)
 
 
-@pytest.mark.parametrize(("name", "same"), [("cliport", True), ("cliport-grounded", False)])
-def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
-    # With the axes of the words renamed, and its weights with them, CLIPort says what it said.
-    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
-    renamed = dataclasses.replace(inputs, words={"pick": inputs.words["pick"].flip(1)})
-    with torch.no_grad():
-        before = policy.score_pick(inputs)
-        assert not torch.allclose(policy.score_pick(renamed), before, rtol=1e-3)
-        for layer in policy.pick.modules():
-            if isinstance(layer, torch.nn.Linear):
-                layer.weight.copy_(layer.weight.flip(1))
-        assert torch.allclose(policy.score_pick(renamed), before, rtol=1e-3) == same
-
-
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
     steps = list(numbered_steps(demo_set[1]))
     for (_, step), prepared in zip(steps, trained_on("cliport-grounded")[1], strict=True):
@@ -281,12 +250,6 @@ def test_inner_features_reach_cliport(model):
         for name, feature in inputs.features.items():
             other = dataclasses.replace(inputs, features=inputs.features | {name: feature.flip(1)})
             assert not torch.allclose(policy.score_pick(other), plain, rtol=1e-3)
-
-
-def test_a_prepared_step_of_cliport_is_below_a_megabyte(trained_on):
-    sample = trained_on("cliport")[1][0][0]
-    tensors = [sample.rgbd, *sample.features.values(), *sample.words.values()]
-    assert sum(tensor.nbytes for tensor in tensors) < 1e6
 
 
 def test_augmentation_moves_coarse_features_along(trained_on):
@@ -358,16 +321,6 @@ def test_the_same_loop_trains_and_checkpoints_bring_back_the_method(name, traine
     step = demo_set[1][0].steps[0]
     before, after = (one.decide(step.observation, step.instruction) for one in (policy, loaded))
     assert np.array_equal(before.place_logits, after.place_logits)
-
-
-def test_cliport_without_recoloring_is_cliport_but_for_that(model):
-    for name in ("cliport", "cliport-grounded"):
-        method, config = methods.find(f"{name}-without-recoloring")
-        whole, lite = methods.find(name)
-        plain, other = method(config, model), whole(lite, model)
-        assert plain.name == f"{name}-without-recoloring" and type(plain) is type(other)
-        assert (plain.recolors, other.recolors) == (False, True)
-        assert dataclasses.replace(config, recolor=True, ablations=()) == lite
 
 
 def test_a_missing_view_is_named(model, demo_set):

@@ -1,8 +1,8 @@
 """Checkpoints: their names, their two files, and copies of a policy."""
 
 import copy
-import io
-import os
+import dataclasses
+import json
 import pickle
 from pathlib import Path
 
@@ -46,7 +46,7 @@ def test_names_with_a_dot_are_told_apart(policy, model, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "lr-0.1.json", "lr-0.1.safetensors", "lr-0.2.json", "lr-0.2.safetensors",
     ]  # fmt: skip
-    first = load_policy(tmp_path / "lr-0.1.safetensors", model, SMALL)
+    first = load_policy(tmp_path / "lr-0.1.safetensors", model)
     assert same(first, policy) and same(load_policy(str(tmp_path / "lr-0.2.safetensors"), model), other)
     assert [entry.phrase for entry in first.memory.entries] == ["red block"]
     assert torch.allclose(first.memory.values, policy.memory.values, atol=1e-6)
@@ -73,31 +73,46 @@ def test_a_training_refuses_another_ending_before_it_begins(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_save_that_fails_between_its_two_files_leaves_the_old_policy(policy, model, tmp_path, monkeypatch):
+def test_a_value_names_no_method(model, tmp_path):
+    plain = Gem(dataclasses.replace(SMALL, image_weight=0.0), model)
+    save_policy(plain, tmp_path / "policy.safetensors", {})
+    assert plain.name == load_policy(tmp_path / "policy.safetensors", model).name == "gem"
+    assert read_card(tmp_path / "policy.safetensors")["method"] == "gem"
+
+
+@pytest.mark.parametrize(
+    ("changes", "values", "message"),
+    [
+        ({"clip": {"name": "other", "fingerprint": "0"}}, {}, "trained with the CLIP 'other'"),
+        ({"method": "vima"}, {}, "unknown method 'vima'"),
+        ({"method": "gem-without-image-map"}, {}, "the ablations of its configuration, none, are not the same"),
+        (
+            {"method": "gem-without-parsing"}, {"ablations": ["without-parsing"]},
+            "without-parsing needs parsing = False, got True",
+        ),
+        ({}, {"query": 15}, r"unknown entries \['query'\]"),
+    ],
+)  # fmt: skip
+def test_a_card_that_does_not_fit_is_refused(policy, model, tmp_path, changes, values, message):
     path = tmp_path / "policy.safetensors"
     save_policy(policy, path, {})
-    rename = os.replace
-
-    def replace(old, new):
-        if Path(new).name == "policy.json" and ".part" in str(old):
-            raise OSError("denied")
-        rename(old, new)
-
-    monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(OSError, match="denied"):
-        save_policy(Gem(SMALL, model, policy.memory, seed=2), path, {})
-    assert same(load_policy(path, model), policy)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["policy.json", "policy.safetensors"]
+    card = read_card(path)
+    card_path(path).write_text(json.dumps(card | {"config": card["config"] | values} | changes))
+    with pytest.raises(ValueError, match=message):
+        load_policy(path, model)
 
 
-def saved_by_torch(policy):
-    buffer = io.BytesIO()
-    torch.save(policy, buffer)
-    buffer.seek(0)
-    return torch.load(buffer, weights_only=False)
+def test_bad_checkpoints_are_refused_in_a_sentence(policy, model, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save_policy(policy, path, {})
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match="cut off or changed"):
+        load_policy(path, model)
+    with pytest.raises(FileNotFoundError, match="missing"):
+        load_policy(tmp_path / "none.safetensors", model)
 
 
-COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it)), "torch": saved_by_torch}
+COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it))}
 
 
 @pytest.mark.parametrize("way", COPIES)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from orbits import band_limited, orbit, turn
+from orbits import band_limited, orbit, sample, turn
 from torch import nn
 
 from gem_lite.policies.networks import CropKernel
 from gem_lite.steerable import SteerableKernel
-from gem_lite.steerable.correlation import sample
 
 N = 12
 QUARTERS = [0, 3, 6, 9]

@@ -74,14 +74,3 @@ def test_a_toy_method_and_a_toy_map_source_are_trained_and_evaluated(method, dem
     assert policy.read("red block -> white plate") == language.Queries("red block", "white plate")
     with pytest.raises(ValueError, match="instruction must be like"):
         policy.read("put the red block on the white plate")
-
-
-def test_the_toys_are_no_part_of_the_library():
-    import toys
-
-    library = language.PARSERS.find("grammar").__module__.partition(".")[0]
-    assert library == "gem_lite"
-    assert {thing.__module__ for thing in (toys.BlockOnPlate, toys.OneConvolution, toys.Redness, toys.parse_arrow)} == {
-        "toys"
-    }
-    assert tasks.family(TASK) == TASK

@@ -6,12 +6,12 @@ import types
 import numpy as np
 import pytest
 import torch
+from small import SMALL, small
 
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.base import Policy
 from gem_lite.policies.choosing import Gate, gated, near_peak
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
@@ -19,18 +19,14 @@ from gem_lite.policies.inputs import Inputs
 from gem_lite.se2 import Pose2
 
 D = 16
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12
-)
 SHAPE = SMALL.workspace.shape
 EVERYWHERE = torch.ones(SHAPE, dtype=torch.bool)
 FLAT = torch.zeros(SHAPE)
 
 
 def policy_of(name="gem", **values):
-    method, config = methods.find(name)
-    small = dataclasses.replace(config, widths=(4, 4, 8, 8), angles=12, **values)
-    return method(small, types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8, 8)))
+    clip_sizes = types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8, 8))
+    return methods.find(name)[0](small(name, **values), clip_sizes)
 
 
 def scores_at(*cells):
@@ -93,24 +89,18 @@ def test_the_whole_thing_is_near_and_no_other():
     assert not near_peak(semantic, FLAT, EVERYWHERE, LITE)[40, 40:50].any()
 
 
-@pytest.fixture(scope="module")
-def multi(model):
-    return checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", model)
-
-
 def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi, world):
     # Before, "near" ended within the rope: 6 of 37 of the expert's picks were forbidden.
-    for index in range(2):
-        task = tasks.make("align-rope", "val")
-        (observation,) = world.reset(task, tasks.episode_seed("val", index))
-        for _ in range(3):
-            pick = task.expert(world).action.pick
-            queries = multi.read(task.instruction)
-            gates = multi.gates(observation.views, multi.inputs(multi.embed(observation.views), queries), queries)
-            cells = gated([gates], "pick", EVERYWHERE[None])[0]
-            assert cells.float().mean() < 0.1
-            assert cells[multi.config.workspace.nearest_cell(pick.x, pick.y)]
-            (observation,) = world.step(task.expert(world).action).observations
+    task = tasks.make("align-rope", "val")
+    (observation,) = world.reset(task, tasks.episode_seed("val", 0))
+    for _ in range(3):
+        action = task.expert(world).action
+        queries = multi.read(task.instruction)
+        gates = multi.gates(observation.views, multi.inputs(multi.embed(observation.views), queries), queries)
+        cells = gated([gates], "pick", EVERYWHERE[None])[0]
+        assert cells.float().mean() < 0.1
+        assert cells[multi.config.workspace.nearest_cell(action.pick.x, action.pick.y)]
+        (observation,) = world.step(action).observations
 
 
 def test_a_push_may_start_away_from_the_peak_of_its_map():
@@ -127,9 +117,8 @@ def test_a_push_may_start_away_from_the_peak_of_its_map():
 # Choosing
 
 
-@pytest.mark.parametrize("name", ["gem", "transporter-lan", "cliport"])
-def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_table(name, monkeypatch):
-    policy = policy_of(name)
+def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_table(monkeypatch):
+    policy = policy_of()
     pick = scores_at((0, 40, 40, 2.0), (0, 80, 20, 1.0))
     place = scores_at((0, 100, 60, 1.0))
     tried = Pose2(*SMALL.workspace.to_world(40, 40))
@@ -143,9 +132,8 @@ def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_t
     assert choose(policy, monkeypatch, pick, place, everything, gates=gates).pick_cell[1:] == (40, 40)
 
 
-@pytest.mark.parametrize("name", ["gem", "transporter-lan", "cliport"])
-def test_no_act_changes_nothing(name, monkeypatch):
-    policy = policy_of(name)
+def test_no_act_changes_nothing(monkeypatch):
+    policy = policy_of()
     pick = scores_at((0, 40, 40, 2.0))
     # Back in its cell and not turned: the second best is taken. Turned in its cell it is another act.
     place = scores_at((0, 40, 40, 3.0), (2, 40, 40, 2.0), (0, 90, 20, 1.0))
@@ -235,7 +223,3 @@ def test_one_pick_angle_is_yaw_0(name, monkeypatch):
     chosen = choose(policy, monkeypatch, scores_at((0, 40, 40, 2.0))[:, :1], place)
     assert chosen.action.pick.yaw == 0
     assert chosen.action.delta == pytest.approx(np.pi / 2)
-
-
-def test_a_method_of_somebody_else_has_no_gates():
-    assert Policy.gates(None, (), None, Queries("a", "b")) == {}

@@ -7,6 +7,7 @@ import math
 from functools import partial
 
 import numpy as np
+import orbits
 import pytest
 import shapely
 import torch
@@ -18,7 +19,6 @@ from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import ImageMotion, Pose2, Workspace, angle_bins, rotate_image, rotation_matrix, wrap
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.effectors import planar
-from gem_lite.steerable import correlation
 
 HIGH = 0.01
 """What is higher than this (m) is no table."""
@@ -107,7 +107,7 @@ def find_l(mask, kernel):
     """(row, col, yaw) at which the template fits best."""
     features = torch.from_numpy(mask.astype(np.float32))[None, None]
     angles = angle_bins(ROTATIONS)
-    response = correlation.sample(kernel.correlate(features), torch.from_numpy(angles).float())[0]
+    response = orbits.sample(kernel.correlate(features), torch.from_numpy(angles).float())[0]
     index, row, col = np.unravel_index(int(response.argmax()), response.shape)
     return row, col, angles[index]
 

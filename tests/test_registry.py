@@ -30,16 +30,12 @@ def fruits(monkeypatch):
 
 
 def test_things_are_found_by_their_names_in_order(fruits):
-    assert fruits.names() == ("apple", "pear")
-    assert fruits.find("pear") is str.lower
-
-
-def test_a_decorator_registers_and_keeps_the_class(fruits):
     @fruits.register("plum")
     class Plum:
         pass
 
-    assert fruits.find("plum") is Plum
+    assert fruits.names() == ("apple", "pear", "plum")
+    assert fruits.find("pear") is str.lower and fruits.find("plum") is Plum
     assert fruits.modules() == ("orchard", __name__)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from docs import cliport_bridge
 from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
-from gem_lite.policies import checkpoints, robot_plan
+from gem_lite.policies import robot_plan
 from gem_lite.policies.choosing import Choice
 from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.heightmap import HeightMap
@@ -73,9 +73,8 @@ def test_confidence_counts_what_lies_near_and_the_runner_up_lies_elsewhere():
     assert found.lead == pytest.approx(0.5 / 0.3)
 
 
-def test_the_shipped_policy_is_sure_of_a_block_and_knows_another():
-    policy = checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load()).eval()
-    choice = policy.decide(Observation.load(SCENE), SENTENCE)
+def test_the_shipped_policy_is_sure_of_a_block_and_knows_another(multi):
+    choice = multi.decide(Observation.load(SCENE), SENTENCE)
     found = robot_plan.plan(choice)
     assert np.allclose(found.pick[:2, 3], [0.40, 0.25], atol=0.02) and 0.03 < found.pick[2, 3] < 0.06
     assert found.confidence > 0.9 and found.lead > 10
@@ -167,26 +166,17 @@ def test_a_wrong_camera_of_cliport_is_refused(changes, message):
         cliport_bridge.from_cliport(pictures, [{key: CLIPORTS_CAMERA[key] for key in ("intrinsics", "rotation")}])
 
 
-def where_cliports_blade_stops(pair):
-    """CLIPort's primitive for pushes: 2 cm before the first pose to 5 cm before the second one."""
-    start, end = (np.array(pair[name][0][:2]) for name in ("pose0", "pose1"))
-    along = (end - start) / np.linalg.norm(end - start)
-    return start - 0.02 * along, end - 0.05 * along
-
-
 def test_a_push_ends_in_cliport_where_it_should():
     heightmap = choice_of(logits_with({}), None, (0, 80, 40)).heightmap
     push = Push(at(80, 40), at(20, 70))
-    pair = cliport_bridge.to_cliport(push, heightmap)
-    start, end = where_cliports_blade_stops(pair)
-    assert end == pytest.approx([push.end.x, push.end.y])
-    assert np.hypot(*(start - [push.start.x, push.start.y])) == pytest.approx(0.02)
-    assert pair["pose0"][0][2] == pytest.approx(heightmap.height[80, 40])
-    assert pair["pose0"][1] == pair["pose1"][1] == (0, 0, 0, 1)
+    (start, first), (end, second) = cliport_bridge.to_cliport(push, heightmap).values()
+    along = np.array([push.end.x - push.start.x, push.end.y - push.start.y])
+    beyond = 0.05 * along / np.linalg.norm(along)  # CLIPort's blade stops that much before the second pose.
+    assert np.array(end[:2]) - beyond == pytest.approx([push.end.x, push.end.y])
+    assert start == pytest.approx((push.start.x, push.start.y, heightmap.height[80, 40]))
+    assert first == second == (0, 0, 0, 1)
     edge = Push(at(80, 40), at(80, 79))
-    assert cliport_bridge.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, (
-        "it may lie beyond the map"
-    )
+    assert cliport_bridge.to_cliport(edge, heightmap)["pose1"][0][0] > heightmap.workspace.x_max, "beyond the map"
     with pytest.raises(ValueError, match="a push must end elsewhere than it starts"):
         cliport_bridge.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
     with pytest.raises(ValueError, match="lies outside the workspace"):

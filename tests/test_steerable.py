@@ -5,20 +5,15 @@ import orbits
 import pytest
 import torch
 import torch.nn.functional as F
-from orbits import band_limited, best_angle, fourier, orbit, peak, turn
+from orbits import band_limited, best_angle, fourier, orbit, peak, sample, turn
 from scipy.special import jn_zeros, jv
 
 from gem_lite import steerable
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel, correlation, disc, harmonics
-from gem_lite.steerable.correlation import continued, correlate, sample
+from gem_lite.steerable.correlation import continued, correlate
 
 H = 9
-
-
-@pytest.fixture(autouse=True)
-def seeded():
-    torch.manual_seed(0)
 
 
 def angles_of(count: int) -> torch.Tensor:
@@ -101,13 +96,6 @@ def test_turning_composes_and_agrees_with_pixels_at_quarter_turns():
     assert not torch.allclose(two, one, atol=0.1)
 
 
-def test_orbit_turns_counter_clockwise():
-    kernel = torch.zeros(1, 1, 9, 9)
-    kernel[0, 0, 4, 7] = 1.0  # right of the centre
-    for i, (row, col) in enumerate([(4, 7), (1, 4), (4, 1), (7, 4)]):  # above it, left, below
-        assert divmod(int(orbit(kernel, 4)[0, i, 0].argmax()), 9) == (row, col)
-
-
 def test_fourier_inverts_up_to_its_frequency():
     kernel = smooth_kernel()
     stack = orbit(kernel, 16)
@@ -124,18 +112,6 @@ def test_lift_is_the_fourier_transform_of_the_orbit(rotations, frequency):
     kernel = torch.randn(2, 3, 17, 17, dtype=torch.float64)
     slow = fourier(orbit(kernel, rotations), frequency)
     assert torch.allclose(SteerableKernel.lift(kernel, rotations, frequency).coefficients, slow, atol=1e-12)
-
-
-def test_no_angular_signal_where_none_can_be():
-    noise = torch.randn(1, 1, H, H, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    coefficients = fourier(orbit(noise, 36), 12)
-    assert coefficients[:, 1:, :, H // 2, H // 2].abs().max() < 1e-15
-    # A ring of radius r is 2 pi r pixels long: at most pi r waves. J_m fades out fast beyond.
-    offset = torch.arange(H) - H // 2
-    radius = torch.hypot(offset[:, None].float(), offset[None, :].float())
-    k = torch.arange(13)[:, None, None]
-    beyond = coefficients[0, :, 0][k > math.pi * radius + 2].abs().max()
-    assert beyond < 0.05 * coefficients.abs().max()
 
 
 def test_turning_the_kernel_multiplies_coefficients():
@@ -172,30 +148,6 @@ def test_blocks_of_frequencies_do_not_matter(monkeypatch):
         assert torch.allclose(one, other, atol=1e-11)
 
 
-def test_impulse_pins_correlation_against_convolution():
-    # Both are equivariant; only an impulse tells them apart: they differ by a half turn.
-    kernel = smooth_kernel(channels=1)
-    features = torch.zeros(1, 1, 21, 21, dtype=torch.float64)
-    features[0, 0, 10, 10] = 1.0
-    window = (..., slice(6, 15), slice(6, 15))
-    single = SteerableKernel(kernel[:, None].to(torch.complex128)).correlate(features).real[0, 0]
-    assert torch.allclose(single[window], kernel[0, 0].flip(0, 1), atol=1e-12)
-    assert not torch.allclose(single[window], kernel[0, 0], atol=0.01)
-    # Over all angles: the response around an impulse is the kernel turned by each angle and a half turn.
-    angles = angles_of(36)
-    response = sample(SteerableKernel.lift(kernel, 36, 17).correlate(features), angles)[window]
-    assert torch.allclose(response, turn(kernel, angles + math.pi)[:, :, 0], atol=1e-3)
-
-
-def test_best_angle_follows_a_turned_object_between_the_bins():
-    kernel = smooth_kernel(channels=1, size=17)
-    degrees = np.array([17.0, 101.0, -64.0, 0.4])
-    turned = turn(kernel, torch.from_numpy(np.radians(degrees)))[0]
-    at_object = SteerableKernel.lift(kernel, 180, 8).correlate(turned)[:, :, 8, 8]
-    found = np.degrees(best_angle(at_object).numpy())
-    assert np.abs((found - degrees + 180) % 360 - 180).max() < 0.05
-
-
 def test_best_angle_is_the_highest_point_of_the_signal():
     response = torch.randn(50, 9, dtype=torch.complex128)
     found = best_angle(response)
@@ -216,22 +168,6 @@ def test_peak_is_the_argmax_of_all_samples(count):
         assert peak(response, angles) == tuple(map(int, np.unravel_index(logits.argmax(), logits.shape)))
 
 
-@pytest.mark.parametrize(
-    ("batch", "channels", "size", "shape"), [(1, 1, 3, (5, 4)), (2, 2, 3, (4, 5)), (1, 1, 5, (3, 6)), (1, 1, 1, (2, 2))]
-)
-def test_gradients(batch, channels, size, shape):
-    kernel = torch.randn(batch, channels, size, size, dtype=torch.float64, requires_grad=True)
-    features = torch.randn(batch, channels, *shape, dtype=torch.float64, requires_grad=True)
-    angles = torch.tensor([0.0, 1.0], dtype=torch.float64)
-
-    def logits(k, f):
-        return sample(SteerableKernel.lift(k, 8, 2).correlate(f), angles)
-
-    assert torch.autograd.gradcheck(logits, (kernel, features))
-    assert torch.autograd.gradcheck(lambda k: logits(k, features.detach()), (kernel,))
-    assert torch.autograd.gradcheck(lambda f: logits(kernel.detach(), f), (features,))
-
-
 def test_gradients_equal_those_of_rotating_first():
     kernel = torch.randn(1, 2, 17, 17, dtype=torch.float64, requires_grad=True)
     features = torch.randn(1, 2, 24, 21, dtype=torch.float64, requires_grad=True)
@@ -249,19 +185,19 @@ def test_gradients_equal_those_of_rotating_first():
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_plain_kernels_are_correlated_each_alone(count):
-    torch.manual_seed(0)
     features, kernels = torch.randn(2, 3, 20, 13), torch.randn(2, count, 3, 7, 7)
     expected = torch.stack([F.conv2d(f[None], k, padding=3)[0] for f, k in zip(features, kernels, strict=True)])
     assert correlate(features, kernels).shape == (2, count, 20, 13)
     assert torch.allclose(correlate(features, kernels), expected, atol=1e-4)
     small = (torch.randn(1, 2, 5, 4, dtype=torch.float64), torch.randn(1, count, 2, 3, 3, dtype=torch.float64))
     assert torch.autograd.gradcheck(correlate, [tensor.requires_grad_() for tensor in small])
+    assert torch.autograd.gradcheck(lambda f: correlate(f, small[1].detach()), small[:1])
+    assert torch.autograd.gradcheck(lambda k: correlate(small[0].detach(), k), small[1:])
     with pytest.raises(ValueError, match=r"features must be \(2, 3, H, W\)"):
         correlate(features[:1], kernels)
 
 
 def test_features_go_on_beyond_the_border():
-    torch.manual_seed(0)
     features, kernels = torch.randn(2, 3, 20, 13), torch.randn(2, 2, 3, 7, 7)
     response = continued(lambda whole: correlate(whole, kernels), features, 3)
     padded = F.pad(features, (3, 3, 3, 3), mode="replicate")

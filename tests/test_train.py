@@ -16,8 +16,7 @@ from gem_lite.cli import main
 from gem_lite.evaluation import collecting
 from gem_lite.maps.query_maps import QueryMaps, joined
 from gem_lite.policies import augment, choosing
-from gem_lite.policies import base as policy_module
-from gem_lite.policies.checkpoints import load_policy, save_policy
+from gem_lite.policies.checkpoints import load_policy
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.inputs import numbered_steps
 from gem_lite.se2 import angle_off
@@ -34,14 +33,9 @@ def same_maps(one, other):
     return all(torch.equal(semantic, other.maps[role]) for role, semantic in one.maps.items())
 
 
-@pytest.fixture(scope="module")
-def demonstrations_small(demo_set):
-    return demo_set[1]
-
-
-def test_labels_lie_on_the_expert_and_crops_show_what_it_picked(prepared, demonstrations_small):
+def test_labels_lie_on_the_expert_and_crops_show_what_it_picked(prepared, demo_set):
     steps, memory = prepared
-    expert = demonstrations_small[0].steps[0].expert.action
+    expert = demo_set[1][0].steps[0].expert.action
     sample = steps[0][1]
     assert SMALL.workspace.to_world(*sample.pick) == pytest.approx((expert.pick.x, expert.pick.y))
     assert sample.pick_yaw == expert.pick.yaw
@@ -49,7 +43,7 @@ def test_labels_lie_on_the_expert_and_crops_show_what_it_picked(prepared, demons
     # The block is really there, in the height channel of the picture.
     assert sample.rgbd[3, round(sample.pick[0]), round(sample.pick[1])] * 0.05 == pytest.approx(0.04, abs=0.004)
     assert [entry.key for entry in memory.entries[::2]] == [
-        (d.task, i) for i, d in enumerate(demonstrations_small) for _ in d.steps
+        (d.task, i) for i, d in enumerate(demo_set[1]) for _ in d.steps
     ]
     for step, entry in zip(steps, memory.entries[::2], strict=True):
         row, col = (round(coordinate) for coordinate in step[1].pick)
@@ -83,29 +77,6 @@ def test_training_recolours_if_the_method_does(prepared, model, monkeypatch):
     for settings in (dataclasses.replace(SMALL, batch=3), SMALL.ablated("without-recoloring")):
         train.make_batch(Gem(settings, model, prepared[1]), prepared[0], np.random.default_rng(0))
     assert len(recolored) == 3
-
-
-def test_a_killed_run_resumes_to_the_same_weights(prepared, trained, model, tmp_path, monkeypatch):
-    steps, memory = prepared
-    monkeypatch.setattr(train, "SAVE_EVERY", 2)
-    calls = []
-    honest = Gem.losses
-
-    def killed_at_the_fourth_step(*args):
-        calls.append(1)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return honest(*args)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Gem, "losses", killed_at_the_fourth_step)
-        with pytest.raises(KeyboardInterrupt):
-            train.train(Gem(SMALL, model, memory, seed=3), steps, seed=3, run=tmp_path)
-    resumed = Gem(SMALL, model, memory, seed=99)
-    torch.rand(1)  # What others draw from the global generator must not matter.
-    train.train(resumed, steps, seed=3, run=tmp_path)
-    assert torch.equal(weights(resumed), weights(trained[0]))
-    assert not torch.allclose(weights(Gem(SMALL, model, memory, seed=3)), weights(resumed), atol=1e-6)
 
 
 def test_any_number_of_workers_makes_the_same_losses(prepared, trained, model, tmp_path):
@@ -165,30 +136,9 @@ def test_the_shipped_policy_does_what_its_demonstrations_show(model):
         assert angle_off(action.pick.yaw - right.pick.yaw, step.expert.pick_symmetry) < np.radians(10)
 
 
-def test_bad_checkpoints_are_refused_in_a_sentence(prepared, model, tmp_path):
-    policy = Gem(SMALL, model, prepared[1])
-    path = tmp_path / "policy.safetensors"
-    save_policy(policy, path, {})
-    with pytest.raises(ValueError, match=r"another configuration \(.*angles is 12, not 36"):
-        load_policy(path, model, dataclasses.replace(SMALL, angles=36))
-    card = json.loads(path.with_suffix(".json").read_text())
-    path.with_suffix(".json").write_text(json.dumps({**card, "clip": {"name": "other", "fingerprint": "0"}}))
-    with pytest.raises(ValueError, match="trained with the CLIP 'other'"):
-        load_policy(path, model)
-    path.with_suffix(".json").write_text(json.dumps({**card, "method": "vima"}))
-    with pytest.raises(ValueError, match="unknown method 'vima'"):
-        load_policy(path, model)
-    path.with_suffix(".json").write_text(json.dumps(card))
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match="cut off or changed"):
-        load_policy(path, model)
-    with pytest.raises(FileNotFoundError, match="missing"):
-        load_policy(tmp_path / "none.safetensors", model)
-
-
-def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, demonstrations_small):
+def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, demo_set):
     policy = Gem(SMALL, model, prepared[1], seed=1)
-    step = demonstrations_small[0].steps[0]
+    step = demo_set[1][0].steps[0]
     first = policy.decide(step.observation, step.instruction)
     second = policy.decide(step.observation, step.instruction, [first.action.pick])
     off = np.hypot(second.action.pick.x - first.action.pick.x, second.action.pick.y - first.action.pick.y)
@@ -203,27 +153,12 @@ def test_the_pick_keeps_away_from_where_nothing_was_grasped(prepared, model, dem
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_a_policy_acts_where_it_lives(prepared, model, demonstrations_small):
-    step = demonstrations_small[0].steps[0]
+def test_a_policy_acts_where_it_lives(prepared, model, demo_set):
+    step = demo_set[1][0].steps[0]
     here = Gem(SMALL, model, prepared[1], seed=1)
     there = Gem(SMALL, model, prepared[1], seed=1).to("cuda")
     assert there.device.type == "cuda"
     assert there.act(step.observation, step.instruction) == here.act(step.observation, step.instruction)
-
-
-def test_inputs_follow_the_policy(prepared, model, demonstrations_small, monkeypatch):
-    """On any machine: what is collated goes to the policy's device, and results come back."""
-    policy = Gem(SMALL, model, prepared[1], seed=1)
-    asked = []
-    honest = policy_module.collate
-    monkeypatch.setattr(
-        policy_module, "collate", lambda several, *device: asked.extend(device) or honest(several, *device)
-    )
-    step = demonstrations_small[0].steps[0]
-    policy.act(step.observation, step.instruction)
-    policy.losses([prepared[0][0][1]])
-    assert asked == [policy.device] * 2
-    assert policy.to("cpu") is policy
 
 
 def test_the_maps_of_two_things_are_joined_at_one_height():
@@ -236,18 +171,18 @@ def test_the_maps_of_two_things_are_joined_at_one_height():
     assert np.array_equal(joined([QueryMaps(red, None, red), QueryMaps(nothing, None, nothing)]).fused, red)
 
 
-def test_and_means_two_phrases(prepared, model, demonstrations_small):
+def test_and_means_two_phrases(prepared, model, demo_set):
     policy = Gem(SMALL, model, prepared[1])
-    scene = policy.embed(demonstrations_small[0].steps[0].observation.views)
+    scene = policy.embed(demo_set[1][0].steps[0].observation.views)
     both = joined([policy.maps(scene, phrase) for phrase in ("green blocks", "blue blocks")]).fused
     assert np.array_equal(policy.maps(scene, "green and blue blocks").fused, both)
     whole = Gem(dataclasses.replace(SMALL, conjuncts=False), model, prepared[1])
     assert not np.array_equal(whole.maps(scene, "green and blue blocks").fused, both)
 
 
-def test_acting_between_two_steps_changes_no_training(prepared, model, demonstrations_small):
+def test_acting_between_two_steps_changes_no_training(prepared, model, demo_set):
     # e2cnn keeps a filter in evaluation mode; with it, the place kernel had no gradient.
-    seen = demonstrations_small[0].steps[0]
+    seen = demo_set[1][0].steps[0]
 
     def trained(acts):
         policy = Gem(SMALL, model, prepared[1], seed=1)
@@ -294,17 +229,17 @@ def test_the_manifest_says_how_long_the_table_is(demo_set, tmp_path):
     assert folders.on_table_of([moved], SMALL) == SMALL
 
 
-def test_demonstrations_that_measure_do_not_train(demonstrations_small, tmp_path, monkeypatch, capsys):
+def test_demonstrations_that_measure_do_not_train(demo_set, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for split in ("val", "test"):
-        demonstrations.save([dataclasses.replace(one, split=split) for one in demonstrations_small], tmp_path / "demos")
+        demonstrations.save([dataclasses.replace(one, split=split) for one in demo_set[1]], tmp_path / "demos")
         assert main(["train", "demos", "p.safetensors", "--config.steps", "2"]) == 2
         said = capsys.readouterr().err
         assert f"demonstrations must be of the split 'train', got '{split}' in demos: episodes of that split" in said
     assert not (tmp_path / "p.safetensors").exists()
 
 
-def test_steps_are_read_one_episode_at_a_time(demonstrations_small):
+def test_steps_are_read_one_episode_at_a_time(demo_set):
     """A set that counts how many of its episodes are alive: never more than the one before and the present one."""
     episodes = []
     most = []
@@ -316,10 +251,10 @@ def test_steps_are_read_one_episode_at_a_time(demonstrations_small):
         def __getitem__(self, index):
             if index >= len(self):
                 raise IndexError(index)
-            episode = dataclasses.replace(demonstrations_small[0])
+            episode = dataclasses.replace(demo_set[1][0])
             episodes.append(weakref.ref(episode))
             most.append(sum(reference() is not None for reference in episodes))
             return episode
 
-    assert len(list(numbered_steps(Counting()))) == 6 * len(demonstrations_small[0].steps)
+    assert len(list(numbered_steps(Counting()))) == 6 * len(demo_set[1][0].steps)
     assert max(most) <= 2

@@ -262,11 +262,8 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         Raises:
             ValueError: another entry differs.
         """
-        own, other = (
-            {key: value for key, value in vars(which).items() if key not in {*which.ACTING, "ablations"}}
-            for which in (self.config, config)
-        )
-        if own != other or type(config) is not type(self.config):
+        differing = {name for name, value in vars(self.config).items() if vars(config).get(name) != value}
+        if type(config) is not type(self.config) or not differing <= {*config.ACTING, "ablations"}:
             raise ValueError(
                 f"config may differ from the policy's in {', '.join(sorted(self.config.ACTING))} only: a trained "
                 "policy cannot change the rest"

@@ -13,7 +13,6 @@ import torch
 
 from gem_lite import language
 from gem_lite.clip import Clip
-from gem_lite.config import Config
 from gem_lite.foundations.files import read_json, write_together
 from gem_lite.maps.crop_memory import CropMemory
 from gem_lite.policies import methods
@@ -84,19 +83,16 @@ def read_card(path: Path) -> dict:
     return card
 
 
-def load_policy(
-    path: Path, model: Clip, settings: Config | None = None, parser: language.Parser | None = None
-) -> Policy:
+def load_policy(path: Path, model: Clip, parser: language.Parser | None = None) -> Policy:
     """Load and verify a checkpoint of `save_policy`; its method's class comes from its JSON.
 
     Args:
-        settings: if given, the configuration that the checkpoint must have.
         parser: a reader of instructions; by default the one that the configuration names.
 
     Raises:
         FileNotFoundError: no such checkpoint.
-        ValueError: cut off or changed, of another configuration or an unknown method, or trained with another CLIP;
-            or ``path`` does not end in ".safetensors".
+        ValueError: cut off or changed, of an unknown method, or trained with another CLIP; or ``path`` does not end in
+            ".safetensors".
     """
     path = Path(path)
     card = read_card(path)
@@ -107,8 +103,6 @@ def load_policy(
         method, config = methods.of_card(card)
     except ValueError as error:
         raise ValueError(f"the checkpoint {path} cannot be used: {error}") from error
-    if settings is not None and settings != config:
-        raise ValueError(f"the checkpoint {path} has another configuration ({_differences(config, settings)})")
     if card["clip"].get("fingerprint") != model.fingerprint:
         raise ValueError(
             f"the checkpoint {path} was trained with the CLIP {card['clip'].get('name')!r}, "
@@ -131,14 +125,3 @@ def load_policy(
             f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
         ) from error
     return policy
-
-
-def _differences(stored: Config, requested: Config) -> str:
-    """The entries of two configurations that differ, in words."""
-    values = stored.as_dict()
-    requested_values = requested.as_dict()
-    return "; ".join(
-        f"{key} is {values.get(key)!r}, not {requested_values.get(key)!r}"
-        for key in values | requested_values
-        if values.get(key) != requested_values.get(key)
-    )

@@ -5,9 +5,6 @@ together with the picture. The semantic stream starts from the last features; at
 inside CLIP's image tower join it (two of CLIPort's three skip connections; `ClipPortConfig.skips`). Language enters as
 in CLIPort, by products over the pixels at these levels. Pick and place are Transporter's, with two streams in the place
 of each U-Net.
-
-`GroundedClipPort` is a stronger rival than the paper's: it multiplies words and features in the space where CLIP itself
-compares pictures and words. So it need not learn which feature belongs to which word.
 """
 
 from __future__ import annotations
@@ -238,7 +235,10 @@ class ClipPort(Rival[DenseView]):
 
 @METHODS.register("cliport-grounded")
 class GroundedClipPort(ClipPort):
-    """CLIPort whose semantic stream starts from CLIP's own comparison of words and picture: a stronger rival."""
+    """CLIPort whose semantic stream starts from CLIP's own comparison of words and picture: a stronger rival.
+
+    It need not learn which feature belongs to which word.
+    """
 
     Semantics = Grounding
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -110,18 +111,12 @@ PreparedStep = tuple[Sample, ...]
 def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inputs:
     """A batch: every tensor of ``items`` with a leading batch axis. All must have the same names and shapes."""
 
-    def stack(tensors: Iterable[torch.Tensor]) -> torch.Tensor:
-        return torch.stack(list(tensors)).to(device)
+    def stack(values: Sequence[Any]) -> Any:  # noqa: ANN401 (tensors, or dictionaries of them)
+        if isinstance(values[0], dict):
+            return {name: stack([value[name] for value in values]) for name in values[0]}
+        return torch.stack(list(values)).to(device)
 
-    def stack_by_name(entries: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
-        return {name: stack(entry[name] for entry in entries) for name in entries[0]}
-
-    return Inputs(
-        rgbd=stack(inputs.rgbd for inputs in items),
-        maps=stack_by_name([inputs.maps for inputs in items]),
-        features=stack_by_name([inputs.features for inputs in items]),
-        words=stack_by_name([inputs.words for inputs in items]),
-    )
+    return Inputs(**{part.name: stack([getattr(one, part.name) for one in items]) for part in fields(Inputs)})
 
 
 def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey, DemonstrationStep]]:

@@ -1,7 +1,5 @@
 """Transporter-Lan (A.1.5): Transporter Networks with the language at the bottleneck of every U-Net.
 
-In `lite` it is joined at the next level as well (`TransporterConfig.joins`).
-
 The pick's logits are the output of a U-Net. So they are equivariant to shifts by 16 pixels, and the network has to
 learn every angle. The place correlates the scene's features (key) with those of the crop at the pick (query). The crop
 is turned by every angle before it enters the query network. So if the picked object is turned by one angle bin, the

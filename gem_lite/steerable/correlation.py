@@ -149,21 +149,16 @@ class _Plan:
         return torch.polar(torch.ones_like(angles), angles)
 
 
-def sample(response: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+def sample_parts(parts: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
     """Inverse Fourier transform: R_theta = sum over k of C_k exp(i k theta), at any angles.
 
     Args:
-        response: C_k for k >= 0, (B, K + 1, H, W) complex.
+        parts: the response C_k for k >= 0 of `SteerableKernel.correlate_parts`, (B, 2(K + 1), H, W).
         angles: (R,) radians.
 
     Returns:
-        (B, R, H, W) real.
+        (B, R, H, W).
     """
-    return sample_parts(torch.cat([response.real, response.imag], dim=1), angles)
-
-
-def sample_parts(parts: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
-    """`sample` for a response of `SteerableKernel.correlate_parts`, (B, 2(K+1), H, W)."""
     basis = sampling_matrix(parts.shape[1] // 2, angles).to(parts)  # (R, 2(K+1))
     return (basis @ parts.flatten(2)).unflatten(2, parts.shape[2:])
 

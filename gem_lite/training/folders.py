@@ -112,9 +112,7 @@ def data_hash(sets: Sequence[DemonstrationSet]) -> str:
 
 
 def _first_demonstrations(folder: Path, episodes: int | None) -> DemonstrationSet:
-    if episodes is not None and episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    demos = demonstrations.load(folder)[:episodes]
-    if episodes is not None and len(demos) < episodes:
-        raise ValueError(f"episodes must be at most {len(demos)}, which {folder} holds, got {episodes}")
-    return demos
+    demos = demonstrations.load(folder)
+    if episodes is not None and not 1 <= episodes <= len(demos):
+        raise ValueError(f"episodes must be at least 1 and at most {len(demos)}, which {folder} holds, got {episodes}")
+    return demos[:episodes]

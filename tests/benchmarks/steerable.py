@@ -21,7 +21,7 @@ from timing import seconds
 
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import SteerableKernel, disc
-from gem_lite.steerable.correlation import sample
+from gem_lite.steerable.correlation import sample_parts
 
 warnings.filterwarnings("ignore", message="TF32")  # on other hardware, says torch whenever oneDNN is switched
 
@@ -46,7 +46,7 @@ def work(shape: tuple[int, int], size: int, count: int, frequency: int | None):
             # oneDNN takes minutes for large kernels: these are torch's own matrix product.
             with torch.backends.mkldnn.flags(enabled=size <= 33):
                 return F.conv2d(features, rotate_image(kernel, angles), padding=size // 2)
-        return sample(SteerableKernel.lift(kernel, LIFTED, frequency).correlate(features), angles)
+        return sample_parts(SteerableKernel.lift(kernel, LIFTED, frequency).correlate_parts(features), angles)
 
     def training():
         kernel.requires_grad_(), features.requires_grad_()

@@ -20,6 +20,7 @@ import safetensors.numpy
 from damages import archive, archive_names
 from hypothesis import given
 from hypothesis import strategies as st
+from small import SMALL
 
 from gem_lite import clip, demonstrations
 from gem_lite.clip import calibration
@@ -28,13 +29,9 @@ from gem_lite.evaluation.results import file_rows, read_rows
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Gem
-from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 
-SMALL = dataclasses.replace(
-    LITE, widths=(4, 4, 8, 8), kernel_widths=(4, 8, 8), fields=2, rotations=36, frequency=4, angles=12,
-)  # fmt: skip
 ROW = {
     "method": "gem", "task": "bars-in-box", "subset": "all", "episodes": 2, "mean": 50.0, "ci95": [1.3, 98.7],
     "world": "home", "split": "test", "start": 0, "skipped": [], "demos": 10, "data_sha256": "0a", "seed": 0,
@@ -49,11 +46,6 @@ VALUES = st.one_of(
 )
 SHAPES = st.sampled_from([(), (0,), (3,), (2, 2), (1, 2, 3, 4), (2, 40, 40, 3), (5, 4)])
 TYPES = st.sampled_from(["uint8", "float32", "float64", "int64", "bool"])
-
-
-@pytest.fixture(scope="module")
-def model():
-    return clip.load()
 
 
 @pytest.fixture(scope="module")

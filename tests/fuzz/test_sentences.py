@@ -55,6 +55,21 @@ def assert_clean(phrase: str) -> None:
     ), phrase
 
 
+def assert_own_words(queries: Queries, sentence: str) -> None:
+    """What is read stands in the sentence, in this order, and a location word is said."""
+    left = iter(words_of(sentence))
+    for phrase in (queries.pick, queries.place):
+        location, thing = split_location(phrase)
+        for word in words_of(thing):
+            assert word in left, f"{word!r} of {queries} is not said, or not in this order"
+        said = {word_lists.LEADING.get(word, word) for word in sentence.lower().split()}
+        assert location is None or location in said
+
+
+def words_of(text: str) -> list[str]:
+    return re.findall(r"[^\W_]+|[^\w\s]", text.lower())
+
+
 def assert_location_is_read(thing: str) -> None:
     """No word that says where the thing lies is left over where `split_location` ignores it."""
     rest = split_location(thing)[1].split()
@@ -77,6 +92,7 @@ def test_any_sentence_is_parsed_cleanly_or_refused(sentences):
             assert_clean(phrase)
             assert all(conjuncts(phrase)), "what parse returns has members"
         if len(ends) == 1:
+            assert_own_words(phrases, sentence)
             again = parse(f"put the {phrases.pick} on the {phrases.place}")
             assert again == replace(phrases, push=False)
             assert phrases.pick == parse_thing(phrases.pick)
