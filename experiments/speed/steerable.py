@@ -1,7 +1,7 @@
 """Seconds and memory of a steerable correlation against rotating the kernel first.
 
-    python tests/benchmarks/steerable.py            # some minutes on 2 cores
-    python tests/benchmarks/steerable.py --quick    # the kernels of 17 and 33 pixels at 72 angles only
+    python -m experiments.speed.steerable            # some minutes on 2 cores
+    python -m experiments.speed.steerable --quick    # the kernels of 17 and 33 pixels at 72 angles only
 
 *rotate first*: the kernel is turned to every angle by bilinear interpolation, then one conv2d correlates
 all of them. *ours*: kernel to Fourier coefficients, correlation by FFT, sampling. Both are differentiated
@@ -17,8 +17,8 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from timing import seconds
 
+from experiments.speed.timing import seconds
 from gem_lite.se2 import angle_bins, rotate_image
 from gem_lite.steerable import SteerableKernel, disc
 from gem_lite.steerable.correlation import sample_parts

@@ -1,12 +1,12 @@
-"""Seconds from three views to maps, each beside the straightforward way: python tests/benchmarks/semantic_map.py
+"""Seconds from three views to maps, each beside the straightforward way: python -m experiments.speed.semantic_map
 
 New pictures, in batches and patch by patch; and the same pictures again. Also printed: how many patches are left.
 """
 
 import numpy as np
 import torch
-from timing import seconds
 
+from experiments.speed.timing import seconds
 from gem_lite import clip, tasks
 from gem_lite.maps import semantic_map
 from gem_lite.maps.patches import PatchEmbeddings, PatchGrid, embed_patches, paint_outside, patchify

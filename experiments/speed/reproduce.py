@@ -1,4 +1,4 @@
-"""Whether today's code plays filed rows again, reward by reward: python tests/benchmarks/reproduce.py
+"""Whether today's code plays filed rows again, reward by reward: python -m experiments.speed.reproduce
 
 For every shipped policy, the first episodes of each of its filed rows in a world are played again and compared with
 the row. It prints a line a row, and ends with exit code 1 if a reward differs.
