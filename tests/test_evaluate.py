@@ -122,25 +122,6 @@ def test_scripted_rows_hold_what_they_depend_on(command, tmp_path):
     assert all(row[name] is None for row in rows.values() for name in empty)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("expert TASK --world mars", "no world is named 'mars'"),
-        ("gem TASK", "gem needs --checkpoint"),
-        ("gem TASK --checkpoint none.safetensors", "none.safetensors is missing"),
-        ("gemini TASK", "method must be one of gem, "),
-        ("expert-rounded put-blocks-in-bowl", TASK),
-        ("expert TASK --out a-file/rows.jsonl", "a-file/rows.jsonl cannot be written"),
-    ],
-)
-def test_wrong_requests_end_in_one_sentence(command, words, said, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a-file").write_text("")
-    assert command(*words.replace("TASK", TASK).split()) == 2
-    message = capsys.readouterr().err
-    assert said in message and message.count("\n") == 1
-
-
 def test_an_episode_tells_its_actor_where_nothing_was_grasped_and_counts_who_is_picked_again(blind, monkeypatch):
     """A scripted actor: the empty table, the empty table again, the block, and the placed block once more."""
     told = []

@@ -3,14 +3,11 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
-from tabletop import block, bowl, play, teleport
+from tabletop import block, bowl, teleport
 
 from gem_lite import tasks
-from gem_lite.actions import PickPlace, Push
-from gem_lite.evaluation import evaluate
-from gem_lite.evaluation.evaluate import Measurement
+from gem_lite.actions import PickPlace
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2
 from gem_lite.tasks import Task, goals
@@ -19,9 +16,6 @@ from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric, ZoneMetric
 
 SPOTS = (Pose2(0.4, 0.2, 0.3), Pose2(0.4, -0.2, 0.3))
 PLACES = (Pose2(0.6, 0.1, 1.0), Pose2(0.6, -0.1, 1.0))
-
-
-# Metrics
 
 
 @pytest.mark.parametrize(
@@ -49,9 +43,6 @@ def test_a_metric_scores_position_yaw_and_height(blind, stage, offset, degrees, 
     assert metric.share(blind, body, PLACES[0]) == metric.share(blind, body, at_place) == reached
 
 
-# One goal
-
-
 def test_the_farthest_body_goes_to_its_nearest_free_target(blind, stage):
     bodies, _ = stage(block(SPOTS[0]), block(Pose2(0.3, -0.4)))
     goal = Goal("put them there", tuple(bodies), PLACES, PoseMetric(0.03))
@@ -69,10 +60,7 @@ def test_the_farthest_body_goes_to_its_nearest_free_target(blind, stage):
         goal.next_move(blind)
 
 
-@pytest.mark.parametrize(
-    ("symmetry", "turn"),
-    [(0.0, 0.0), (math.pi / 2, 0.7), (math.pi, -1.5), (FULL_TURN, 3.0)],
-)
+@pytest.mark.parametrize(("symmetry", "turn"), [(0.0, 0.0), (math.pi / 2, 0.7), (math.pi, -1.5), (FULL_TURN, 3.0)])
 def test_a_body_is_turned_as_little_as_its_symmetry_allows(blind, stage, symmetry, turn):
     (body,), _ = stage(block(SPOTS[0]))
     belongs = Pose2(0.6, 0.1, SPOTS[0].yaw + turn + 3 * (symmetry % FULL_TURN))
@@ -84,9 +72,6 @@ def test_a_body_is_turned_as_little_as_its_symmetry_allows(blind, stage, symmetr
     # Where no yaw is wrong, the grasped point itself goes to the target's middle.
     at = belongs if symmetry == 0 else Pose2(belongs.x, belongs.y, SPOTS[0].yaw + turn) @ goal.grasp
     assert (action.place.x, action.place.y) == pytest.approx((at.x, at.y), abs=1e-5)
-
-
-# Tasks of goals
 
 
 class Parking(Task):
@@ -161,9 +146,6 @@ def test_a_body_that_a_later_goal_moves_again_is_not_placed(blind):
     assert task.instruction == "and back" and task.placed(blind) == set()
 
 
-# Registration
-
-
 def test_variants_have_names_arguments_and_one_family(monkeypatch):
     monkeypatch.setattr(task_registry, "TASKS", Registry("task"))
 
@@ -186,28 +168,3 @@ def test_episodes_of_two_new_colours_are_a_subset(world):
         task.named_colors = named
         assert len(task.subsets()) == subsets
     assert tasks.make("object-sorting-seen").subsets() == ()
-
-
-# From outside the library
-
-
-def test_an_outside_task_is_swept_by_its_expert(blind):
-    import outside_task
-
-    task = tasks.make("sweeping-near")
-    assert isinstance(task, outside_task.Sweeping)
-    blind.reset(task, 3)
-    played = play(blind, task)
-    assert all(isinstance(action, Push) for action in played.actions)
-    assert all(step.trace and not step.grasped for step in played.steps)
-    assert sum(step.reward for step in played.steps) == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="action must be a Push for the tool Spatula, got a PickPlace"):
-        blind.step(PickPlace(*SPOTS))
-
-
-def test_outside_tasks_and_worlds_are_known_in_new_processes():
-    import outside_task  # noqa: F401
-
-    episodes = evaluate.evaluate(Measurement("expert", "sweeping-far", 1, "val", world="night"), processes=1)
-    assert [episode.index for episode in episodes] == [0]
-    assert np.isfinite(episodes[0].reward)

@@ -74,9 +74,6 @@ def inside(world, block, table):
     return world.tables[table].inverse() @ world.pose(block)[0]
 
 
-# One kernel for many features
-
-
 @pytest.mark.parametrize("real", [False, True])
 def test_one_kernel_serves_a_batch_forward_and_backward(real):
     generator = torch.Generator().manual_seed(0)
@@ -97,14 +94,6 @@ def test_one_kernel_serves_a_batch_forward_and_backward(real):
         strict=True,
     ):
         assert one.abs().max() > 0.1 and torch.allclose(one, other, atol=1e-4)
-
-
-def test_kernels_of_another_count_are_refused():
-    with pytest.raises(ValueError, match="features must be"):
-        correlate(torch.zeros(3, 2, 8, 8), torch.zeros(2, 1, 2, 3, 3))
-
-
-# Stitch and split
 
 
 def test_stitched_logits_are_those_of_each_table_alone(policy, observations):
@@ -176,6 +165,8 @@ def test_tables_that_cannot_be_are_refused(policy):
         MobileWorld(())
     with pytest.raises(ValueError, match=r"tables\[0\] must be the world's frame.*x=1.0"):
         MobileWorld((Pose2(1.0, 0.0), Pose2(0.0, 0.0)))
+    with pytest.raises(ValueError, match="number must be in"):
+        tag_plates.add_tag(0, 587, Pose2(0, 0))
 
 
 @pytest.mark.parametrize("method", [ClipPort, GroundedClipPort, TransporterLan])
@@ -198,9 +189,6 @@ def test_a_policy_on_a_gpu_chooses_there(policy, observations):
     there = Gem(MOBILE, policy.clip, seed=0).to("cuda").decide_over(observations, SENTENCE)
     assert there.inputs.rgbd.device.type == "cpu"
     assert np.abs(here.pick_logits - there.pick_logits).max() < 1e-3
-
-
-# The world
 
 
 def test_every_table_is_seen_in_its_own_frame(world):
@@ -249,9 +237,6 @@ def test_an_error_of_the_estimate_moves_the_act(world, monkeypatch):
     assert moved(1, (0,)) == pytest.approx(-0.015, abs=0.004)
     # Pick and place are wrong by the same shift on one table: the block moves as it was meant to.
     assert moved(0, (0,)) == pytest.approx(0, abs=0.004)
-
-
-# Localisation
 
 
 def errors(world, looks):
@@ -331,14 +316,6 @@ def test_a_second_look_from_elsewhere(world, monkeypatch):
     assert distance(estimate, world.true_table(0)) < 0.005
 
 
-def test_tags_have_numbers(world):
-    with pytest.raises(ValueError, match="number must be in"):
-        tag_plates.add_tag(world.client, 587, Pose2(0, 0))
-
-
-# Tasks over two tables
-
-
 BOWL, PYRAMID = "put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors"
 
 
@@ -386,9 +363,6 @@ def test_poses_in_the_world_are_told_by_table_and_other_tables_are_refused(envir
         with pytest.raises(ValueError, match=rf"_table must be in \[0, {count}\)"):
             environment.step(PickPlace(Pose2(0.5, 0.0), Pose2(0.5, 0.1), *tables))
     assert environment.steps_taken == 0 and not environment.trace
-
-
-# object-sorting
 
 
 def test_the_expert_sorts_over_two_tables(world, monkeypatch):

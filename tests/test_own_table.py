@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from gem_lite import clip
 from gem_lite.cli import main, own_table
 from gem_lite.maps import places
-from gem_lite.policies import checkpoints
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation, read_raw
@@ -37,9 +36,6 @@ def things(scene):
 @pytest.fixture
 def copied(tmp_path):
     return shutil.copytree(FOREIGN / "workbench", tmp_path / "scene")
-
-
-# Scenes in folders and from arrays.
 
 
 def test_a_saved_observation_is_loaded_again(tmp_path):
@@ -112,9 +108,6 @@ def test_views_that_cannot_be_saved_and_arrays_that_do_not_fit_are_refused(tmp_p
     arrays = [np.zeros((8, 8, 3), np.uint8)], [np.ones((8, 8), np.uint16)], [np.diag([9.0, 9, 1])], [np.eye(4)]
     with pytest.raises(ValueError, match="must be metres as floating point numbers, got uint16"):
         Observation.from_arrays(*arrays)
-
-
-# What is wrong with the cameras?
 
 
 def changed_pose(view, change):
@@ -249,41 +242,30 @@ def test_what_the_check_does_not_find():
     assert finding.mistake == "table not found" and "is the table at z = 0" in finding.sentence
 
 
-# What a shipped policy sees there, without a change.
-
-
-@pytest.fixture(scope="module")
-def policy():
-    return checkpoints.load_policy(clip.DATA / "gem-multi.safetensors", clip.load()).eval()
-
-
 @pytest.mark.parametrize("scene", ["desk", "workshop"])
-def test_pictures_that_were_read_as_bgr_are_found(scene, policy):
+def test_pictures_that_were_read_as_bgr_are_found(scene, multi):
     views = Observation.load(FOREIGN / scene).views
-    gain = places.gain_by_swapping(views, tuple(things(scene))[:3], policy.source)
+    gain = places.gain_by_swapping(views, tuple(things(scene))[:3], multi.source)
     assert -gain > places.SWAP_MARGIN, "as they are, the words fit better: exchanged, they are found"
 
 
-def test_maps_and_picks_find_the_named_things_of_foreign_scenes(policy):
+def test_maps_and_picks_find_the_named_things_of_foreign_scenes(multi):
     pointed = picked = 0
     for scene, sentences in SENTENCES.items():
         observation, known = Observation.load(FOREIGN / scene), things(scene)
-        embedded = policy.embed(observation.views)
+        embedded = multi.embed(observation.views)
         for sentence in sentences:
-            phrase = policy.read(sentence).pick
-            best = places.best_places(policy.maps(embedded, phrase).fused, policy.config)[0]
+            phrase = multi.read(sentence).pick
+            best = places.best_places(multi.maps(embedded, phrase).fused, multi.config)[0]
             pointed += math.dist((best.x, best.y), known[phrase]) <= 0.02
-            pick = policy.act(observation, sentence).pick
+            pick = multi.act(observation, sentence).pick
             picked += min(known, key=lambda name: math.dist((pick.x, pick.y), known[name])) == phrase
     assert pointed >= 17, f"the map's centre is within 20 mm in {pointed} of 20"
     assert picked >= 16, f"the pick is nearest to the named thing in {picked} of 20"
 
 
-# The two commands.
-
-
-def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path, policy, monkeypatch):
-    monkeypatch.setattr(own_table, "load", lambda *_: policy)
+def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path, multi, monkeypatch):
+    monkeypatch.setattr(own_table, "load", lambda *_: multi)
     arguments = ["check-cameras", str(copied), "red block", "blue bowl", "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
     assert "no mistake found" in capsys.readouterr().out
@@ -307,11 +289,11 @@ def test_another_rectangle_of_the_table_is_looked_at(capsys, tmp_path):
     assert "the rectangle's x must go from a smaller number to a larger one" in capsys.readouterr().err
 
 
-def test_look_writes_maps_places_and_an_action(capsys, tmp_path, policy, monkeypatch):
+def test_look_writes_maps_places_and_an_action(capsys, tmp_path, multi, monkeypatch):
     missing = str(tmp_path / "none.safetensors")
     assert main(["look", str(FOREIGN / "kitchen"), "red mug", "--policy", missing]) == 2
     assert "none.safetensors" in capsys.readouterr().err
-    monkeypatch.setattr(own_table, "load", lambda *_: policy)
+    monkeypatch.setattr(own_table, "load", lambda *_: multi)
 
     def look(scene, text):
         assert main(["look", str(FOREIGN / scene), text, "--out", str(tmp_path)]) == 0
@@ -332,7 +314,7 @@ def test_look_writes_maps_places_and_an_action(capsys, tmp_path, policy, monkeyp
     assert reason.startswith('there is no "banana"') and reason in capsys.readouterr().out
 
 
-def test_look_says_why_a_text_is_neither_sentence_nor_thing(policy):
+def test_look_says_why_a_text_is_neither_sentence_nor_thing(multi):
     for text, reason in (("", "the instruction is empty"), ("grab the red block", "names no place")):
         with pytest.raises(ValueError, match=f"^text must be a sentence or name a thing: .*{reason}"):
-            own_table.read(policy, text)
+            own_table.read(multi, text)

@@ -112,15 +112,6 @@ def find_l(mask, kernel):
     return row, col, angles[index]
 
 
-def test_l_at_yaw_0_reads_as_l(l_mask):
-    centre, arm = HALF, 4  # the middle of each arm is about 30 mm = 4.8 cells off
-    upper_left, corner, lower_right = [
-        l_mask[centre + down, centre + right] for down, right in ((-arm, -arm), (arm, -arm), (arm, arm))
-    ]
-    assert upper_left and corner and lower_right
-    assert not l_mask[centre - arm :, centre + arm :][:3].any()  # the notch, upper right
-
-
 @pytest.mark.parametrize("degrees", [0, 30, 145])
 def test_kernel_finds_the_l_at_its_pixel_and_at_plus_its_yaw(stage, l_kernel, degrees):
     yaw = math.radians(degrees)

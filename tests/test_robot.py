@@ -1,9 +1,5 @@
 """What a robot's own program gets: poses in its base's frame, confidence, runner-up; and CLIPort's dictionaries."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -43,6 +39,12 @@ def logits_with(peaks):
     return logits
 
 
+@pytest.fixture(scope="module")
+def choice():
+    """At a cell and elsewhere, with equal logits."""
+    return choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
+
+
 def test_a_pose_has_the_maps_height_and_turns_into_the_base():
     pick = at(80, 40, np.pi / 6)
     choice = choice_of(logits_with({(3, 80, 40): 0.0}), PickPlace(pick, at(10, 20)), (3, 80, 40))
@@ -56,8 +58,6 @@ def test_a_pose_has_the_maps_height_and_turns_into_the_base():
     turned = robot_plan.plan(choice, base)
     assert turned.pick[:3, 3] == pytest.approx([1 - pick.y, 2 + pick.x, 3 + choice.heightmap.height[80, 40]])
     assert np.allclose(turned.place, base @ found.place)
-    with pytest.raises(ValueError, match=r"must be a \(4, 4\) pose"):
-        robot_plan.plan(choice, np.diag([2.0, 1, 1, 1]))
     with pytest.raises(ValueError, match="must be a pick and place"):
         robot_plan.plan(choice_of(choice.pick_logits, Push(pick, pick), (3, 80, 40)))
 
@@ -119,8 +119,7 @@ def test_cliports_dictionaries_say_the_same():
     ],
     ids=["scale", "mirror", "point", "nan", "inf", "last row", "size", "ragged", "text", "huge"],
 )
-def test_what_is_no_pose_is_refused(wrong):
-    choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
+def test_what_is_no_pose_is_refused(wrong, choice):
     with pytest.raises(ValueError, match=r"base_from_table must be a \(4, 4\) pose: a rotation \(no refl") as caught:
         robot_plan.plan(choice, wrong)
     assert "\n" not in str(caught.value)
@@ -129,8 +128,7 @@ def test_what_is_no_pose_is_refused(wrong):
 
 
 @pytest.mark.parametrize("wrong", [np.diag([1.0, 1, -1]), np.zeros((3, 3)), np.full((3, 3), np.nan), np.eye(4)])
-def test_what_is_no_rotation_of_the_tool_is_refused(wrong):
-    choice = choice_of(logits_with({}), PickPlace(at(80, 40), at(10, 20)), (0, 80, 40))
+def test_what_is_no_rotation_of_the_tool_is_refused(wrong, choice):
     with pytest.raises(ValueError, match=r"tool must be a \(3, 3\) rotation, and no reflection"):
         robot_plan.plan(choice, tool=wrong)
 
@@ -181,23 +179,3 @@ def test_a_push_ends_in_cliport_where_it_should():
         cliport_bridge.to_cliport(Push(at(80, 40), at(80, 40)), heightmap)
     with pytest.raises(ValueError, match="lies outside the workspace"):
         cliport_bridge.to_cliport(Push(at(80, 40), Pose2(5.0, 0.0)), heightmap)
-
-
-def test_the_example_drives_a_robot_without_a_simulator():
-    example = Path(__file__).parents[1] / "docs" / "robot_example.py"
-    runs = "".join(
-        f"sys.argv = ['example', {str(SCENE)!r}, {sentence!r}]; runpy.run_path({str(example)!r}); "
-        for sentence in (SENTENCE, "put the red mug in the blue bowl")
-    )
-    program = f"import runpy, sys; sys.modules['pybullet'] = None; {runs}"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
-    assert done.returncode == 1 and 'refused: there is no "red mug"' in done.stderr
-    lines = done.stdout.splitlines()
-    assert lines[0].startswith("confidence")
-    assert [line.split()[0] for line in lines[1:]] == [
-        *("move", "move", "close", "move"),
-        *("move", "move", "open", "move"),
-    ]
-    # The block is held at its top, 48 mm above its lower side: so it is let go that much above the bowl's floor.
-    heights = [float(line.split("(")[1].split(")")[0].split(", ")[2]) for line in lines[1:] if line.startswith("move")]
-    assert abs(heights[1] - 0.048) < 0.003 and 0.05 < heights[4] < 0.08 and abs(heights[0] - heights[1] - 0.2) < 1e-6

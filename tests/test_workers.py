@@ -13,6 +13,7 @@ import pytest
 
 from gem_lite.evaluation import evaluate, workers
 from gem_lite.evaluation.evaluate import Measurement
+from gem_lite.evaluation.results import Episode
 
 FATAL = 12
 
@@ -24,10 +25,10 @@ class Job:
 
 
 def run_and_be_killed(job):
-    """The indices as outcomes. The process that comes to `FATAL` is killed, as for lack of memory."""
+    """An episode for each index. The process that comes to `FATAL` is killed, as for lack of memory."""
     if FATAL in job.indices:
         os.kill(os.getpid(), signal.SIGKILL)
-    return list(job.indices)
+    return [Episode(index, 1.0, 1, ()) for index in job.indices]
 
 
 def sleep(job):
@@ -36,34 +37,27 @@ def sleep(job):
     return []
 
 
-def run(episodes, processes=1, **facts):
-    jobs = [Job(part) for part in workers.chunks(0, episodes)]
-    return workers.run_jobs(run_and_be_killed, jobs, "test", processes=processes, **facts)
+def test_processes_know_tasks_and_worlds_from_outside_and_outcomes_come_in_the_order_of_the_jobs(monkeypatch):
+    import toys  # noqa: F401
+
+    monkeypatch.setattr(workers, "CHUNK", 1)
+    episodes = evaluate.evaluate(Measurement("expert", "block-on-plate", 3, "val", world="night"), processes=2)
+    assert [(episode.index, episode.reward) for episode in episodes] == [(0, 1.0), (1, 1.0), (2, 1.0)]
 
 
-def test_outcomes_come_in_the_order_of_the_jobs():
-    assert run(9, processes=2) == list(range(9))
+def test_a_killed_process_ends_the_work(capsys):
+    with pytest.raises(ChildProcessError, match=r"test: .*killed .* while the scenes 12, 13 were .*is filed$"):
+        workers.run_jobs(run_and_be_killed, [Job([3]), Job([12, 13])], "test", processes=1, unit="scene")
+    assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(("unit", "reward", "printed"), [("episode", float, range(10)), ("scene", None, ())])
-def test_a_killed_process_ends_the_work_and_outcomes_with_rewards_are_printed(capsys, unit, reward, printed):
-    with pytest.raises(
-        ChildProcessError, match=rf"killed .* while the {unit}s 10, 11, 12, 13, 14 were .*is filed"
-    ) as e:
-        run(30, unit=unit, reward=reward)
-    assert ("of the 10 episodes that were complete" in str(e.value)) == (reward is not None)
-    assert capsys.readouterr().out.split() == [str(index) for index in printed]
-
-
-def killed(job):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_an_evaluation_whose_process_is_killed_files_no_row(monkeypatch, tmp_path):
-    monkeypatch.setattr(evaluate, "run_job", killed)
+def test_an_evaluation_whose_process_is_killed_files_no_row_and_prints_what_was_complete(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(evaluate, "run_job", run_and_be_killed)
     path = tmp_path / "rows.jsonl"
-    with pytest.raises(ChildProcessError, match=r"expert on block-insertion: .* the episodes 3, 4 were being run"):
-        evaluate.measure_and_file(Measurement("expert", "block-insertion", 2, start=3), path, processes=1)
+    said = r"expert on block-insertion: .* the episodes 8, 9, 10, 11, 12 were .*is filed.* of the 5 episodes"
+    with pytest.raises(ChildProcessError, match=said):
+        evaluate.measure_and_file(Measurement("expert", "block-insertion", 12, start=3), path, processes=1)
+    assert capsys.readouterr().out.splitlines() == [str(Episode(index, 1.0, 1, ())) for index in range(3, 8)]
     assert not path.exists()
 
 

@@ -45,9 +45,6 @@ def test_colour_sets_are_cliports():
     assert colors.rgba("red") == pytest.approx((1.0, 87 / 255, 89 / 255, 1.0))
 
 
-# Picks and places ----------------------------------------------------------------------------------------
-
-
 def test_a_block_is_carried_by_the_tool_and_never_jumps(blind, stage, monkeypatch):
     (body,), _ = stage(block())
     seen, path, simulate = {}, [], p.stepSimulation
@@ -130,9 +127,6 @@ def test_parked_tools_are_out_of_every_picture(world, stage):
         assert np.array_equal(parked.views[at].rgb, view.rgb) and np.array_equal(spatula.views[at].rgb, view.rgb)
 
 
-# Pushes --------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def pushing(blind, stage, monkeypatch):
     """``pushing(build, ...)`` lays bodies out for the spatula."""
@@ -173,8 +167,6 @@ def test_the_blade_stands_square_to_the_way_and_sweeps_several_bodies_at_once(bl
         assert np.median([math.degrees(state.yaw) for state in sweeping]) == pytest.approx(degrees, abs=2)
 
 
-# Refusals ------------------------------------------------------------------------------------------------
-
 OUTSIDE, NO_YAW = "lies outside the workspace", "not a finite number"
 BEYOND = [Pose2(0.2, 0.0), Pose2(0.5, 0.51), Pose2(0.76, 0.0), Pose2(math.nan, 0.0)]
 
@@ -201,9 +193,6 @@ def test_what_cannot_be_done_is_refused_and_nothing_moves(blind, stage, pushing,
     with pytest.raises(ValueError, match=rf"action must be a .* for the tool {own}, got a {type(other).__name__}"):
         blind.step(other)
     assert blind.steps_taken == 0 and distance(blind.pose(body)[0], HERE) < 0.001
-
-
-# World ---------------------------------------------------------------------------------------------------
 
 
 def test_every_world_has_a_client_of_its_own_and_may_be_closed_twice():
@@ -240,17 +229,6 @@ def test_reward_is_the_change_of_the_score(blind, stage):
     assert blind.steps_taken == 4
 
 
-def test_a_tipped_scene_settles(blind, stage):
-    def dropped(client):
-        body = block()(client)
-        p.resetBasePositionAndOrientation(body.id, (0.5, 0, 0.15), (0, 0, 0, 1), physicsClientId=client)
-        return body
-
-    (body,), _ = stage(dropped)
-    assert blind.settle()
-    assert blind.pose(body)[1] == pytest.approx(0.02, abs=0.001)
-
-
 @pytest.mark.parametrize("seed", [7, 2_000_003])
 def test_one_seed_is_one_picture_in_any_world(world, seed):
     # The shared world has a history, the fresh one has none.
@@ -258,9 +236,6 @@ def test_one_seed_is_one_picture_in_any_world(world, seed):
         pair = [w.reset(tasks.make(UNSEEN_TASK, "test"), seed)[0] for w in (world, fresh)]
     for a, b in zip(pair[0].views, pair[1].views, strict=True):
         assert np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth, b.depth)
-
-
-# Tasks ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

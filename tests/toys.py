@@ -1,4 +1,4 @@
-"""A task, an arm, a method, a map source and a parser of somebody else's: nothing of them is known to the library.
+"""A task, a look, an arm, a method, a map source and a parser of somebody else's: the library knows none of them.
 
 CONTRIBUTING.md shows these as the examples of what is added without an edit.
 """
@@ -31,7 +31,7 @@ from gem_lite.policies.transporter import TopView
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
-from gem_lite.simulation import effectors
+from gem_lite.simulation import effectors, looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
@@ -53,6 +53,9 @@ class BlockOnPlate(Task):
         self.put(environment, plate, "white plate")
         self.put(environment, block, "red block")
         return [Goal("red block -> white plate", (block,), (plate,), PoseMetric(0.04), grasp_symmetry=np.pi / 2)]
+
+
+looks.register(looks.Look("night", floor=(0.05, 0.05, 0.1, 1.0)))
 
 
 @effectors.EFFECTORS.register("arm")

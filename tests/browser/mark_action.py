@@ -156,6 +156,13 @@ class Page:
         chain.w3c_actions.perform()
 
 
+def check_marks(page, pick, place):
+    """The last cell prints both marks. Each is (row, col, degrees)."""
+    got = page.action()
+    check(got["pick"], *pick)
+    check(got["place"], *place)
+
+
 def check(got, row, col, degrees):
     """A printed pose lies within half a cell and 3 degrees of where it was marked."""
     x, y = X_MIN + (col + 0.5) * CELL, Y_MAX - (row + 0.5) * CELL
@@ -170,9 +177,7 @@ def mark_and_keep(page):
     assert page.action() == "the place is not marked yet: click where the tool shall place"
     page.wait_for_hint("Click where the tool shall place; drag to turn it.")
     page.press(100, 74, -60, way=120, kind="touch")  # ends outside the canvas
-    got = page.action()
-    check(got["pick"], 70, 20, 40)
-    check(got["place"], 100, 74, -60)
+    check_marks(page, (70, 20, 40), (100, 74, -60))
     for sentence, hint in (("put it there", 'Not kept: no bowl in "put it there"'), (SENTENCE, "Kept.")):
         page.find("textarea").send_keys(Keys.CONTROL + "a")
         page.find("textarea").send_keys(sentence)
@@ -198,15 +203,11 @@ def change_marks(page):
     page.undo_both()
     assert page.action() == "the pick is not marked yet: click where the tool shall pick"
     page.canvas.send_keys(Keys.ENTER, Keys.ARROW_LEFT, "]", Keys.ENTER, Keys.ARROW_DOWN)
-    got = page.action()
-    check(got["pick"], 79.5, 38.5, -10)
-    check(got["place"], 80.5, 39.5, 0)
+    check_marks(page, (79.5, 38.5, -10), (80.5, 39.5, 0))
     page.undo_both()
     page.press(1, 1)
     page.press(158, 78, 180)
-    got = page.action()
-    check(got["pick"], 1, 1, 0)
-    check(got["place"], 158, 78, 180)
+    check_marks(page, (1, 1, 0), (158, 78, 180))
 
 
 def use_small_page(page):
@@ -215,9 +216,7 @@ def use_small_page(page):
     page.undo_both()
     page.press(40, 10, 135, pixels=PIXELS / 2)
     page.press(120, 60, -90, pixels=PIXELS / 2)
-    got = page.action()
-    check(got["pick"], 40, 10, 135)
-    check(got["place"], 120, 60, -90)
+    check_marks(page, (40, 10, 135), (120, 60, -90))
 
 
 def main():
@@ -226,14 +225,17 @@ def main():
         lab = start_lab(folder, port)
         try:
             with start_browser(folder) as browser:
-                mark_all(browser, port)
+                page = open_notebook(browser, port)
+                for part in (mark_and_keep, change_marks, use_small_page):
+                    part(page)
         finally:
             lab.terminate()
             lab.wait(30)
     print("all marks were read back")
 
 
-def mark_all(browser, port):
+def open_notebook(browser, port):
+    """The page of the notebook after its first two cells."""
     page = Page(browser)
     for _ in range(100):
         with socket.socket() as one:
@@ -247,8 +249,7 @@ def mark_all(browser, port):
     page.run_cell(1)
     page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, ".gem-mark canvas"))
     time.sleep(1)
-    for part in (mark_and_keep, change_marks, use_small_page):
-        part(page)
+    return page
 
 
 if __name__ == "__main__":

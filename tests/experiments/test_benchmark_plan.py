@@ -269,23 +269,27 @@ def test_a_measured_row_that_is_not_filed_is_refused(whole, empty, tmp_path):
         checks.missing([first, second], tmp_path)
 
 
-def snakemake(runs, options, *targets):
-    command = [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--cores", "2", *options]
-    command += ["--config", f"runs={runs}", f"clip={clip.EMBEDDED}", "--", *targets]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def start_snakemake(runs, *words):
+    command = [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--cores", "2", "--quiet"]
+    command += ["--config", f"runs={runs}", f"clip={clip.EMBEDDED}", *words]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-def test_snakemake_refuses_to_train_a_lost_policy_anew_for_one_of_its_rows(tmp_path):
+def test_snakemake_finds_a_way_to_all_rows_works_alone_in_a_folder_and_trains_no_lost_policy_anew(tmp_path):
+    busy, lost = tmp_path / "busy", tmp_path / "lost"
+    busy.mkdir()
+    stamp = busy / "demos" / "block-insertion-10.txt"
     cell = next(cell for cell in Plan.load(str(clip.EMBEDDED)).tier("must") if cell.method == "gem-multi")
-    done = snakemake(tmp_path, ["--quiet", "--dry-run"], str(tmp_path / "rows" / f"{cell.name}.jsonl"))
-    assert done.returncode == 1 and "is missing and would be trained anew" in done.stdout + done.stderr
-
-
-def test_snakemake_finds_a_way_to_all_rows_and_leaves_a_folder_in_which_another_process_works(tmp_path):
-    stamp = tmp_path / "demos" / "block-insertion-10.txt"
-    with filelock.FileLock(tmp_path / "lock"):
-        done = snakemake(tmp_path, ["--quiet"], "more", str(stamp))  # what is not measured yet, and a small set
-    assert done.returncode == 1 and "another snakemake works in" in done.stderr, done.stderr[-2000:]
+    with filelock.FileLock(busy / "lock"):
+        started = [
+            start_snakemake(busy, "--", "more", str(stamp)),  # what is not measured yet, and a small set
+            start_snakemake(lost, "--dry-run", "--", str(lost / "rows" / f"{cell.name}.jsonl")),
+        ]
+        printed = [process.communicate()[0] for process in started]
+    for process, text, said in zip(
+        started, printed, ("another snakemake works in", "is missing and would be trained anew"), strict=True
+    ):
+        assert process.returncode == 1 and said in text, text[-2000:]
     assert not stamp.parent.exists()
     # Snakemake's own lock would stay after a kill.
     profile = (ROOT / SNAKEFILE).with_name("profiles") / "default" / "config.yaml"

@@ -32,7 +32,7 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(mod
         assert f"{sum(right)} of {len(right)} words for its" in text
 
 
-def test_zero_shot_on_fresh_renders(model):
+def test_zero_shot_on_fresh_renders(model, jobs_here):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
     crops = crop_files.render_crops(10, seed=77, kind="test")
     found = card.accuracy(model, crops.select(crops.whole))
@@ -50,7 +50,7 @@ def test_zero_shot_on_fresh_renders(model):
     assert found["color"] < 10 and found["both"] < 10 and found["shape"] > 80
 
 
-def test_pairs_never_shown_are_composed(model):
+def test_pairs_never_shown_are_composed(model, jobs_here):
     crops = crop_files.render_crops(8, seed=78, kind="held-out")
     held = card._held_out(crops.select(crops.whole))
     assert len(held) > 100

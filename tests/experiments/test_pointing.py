@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+import pickle
 
 import numpy as np
 import pointing
@@ -141,16 +142,16 @@ def test_every_map_answers_and_without_a_crop_there_is_no_image_map(scenes, mode
     assert rows["fused"]["missed"] == [[p.seed, p.phrase] for p in found if p.map == "fused" and not p.near]
 
 
-def test_workers_play_as_this_process_does(world, model):
+def test_what_a_process_is_sent_makes_it_play_as_this_one_does(world, model, monkeypatch):
+    def run_jobs(run, jobs, *_):
+        return [outcome for job in pickle.loads(pickle.dumps(jobs)) for outcome in run(job)]
+
+    monkeypatch.setattr(measure.workers, "run_jobs", run_jobs)
     seeds = measure.scene_seeds(1)
     crops = [CropEntry("blue hexagon", np.full((20, 20, 3), 90, np.uint8), "t", 0)]
     memory = CropMemory(crops, model)
     here = measure.play_scene(lay_out("shapes", world, seeds[0]), model, memory)
-    there = measure.play("shapes", 1, memory, processes=1)
-    # Other numbers of threads round differently: places agree to a thousandth of a cell, all else exactly.
-    assert [(p.phrase, p.map, p.shown, p.exact) for p in here] == [(p.phrase, p.map, p.shown, p.exact) for p in there]
-    places = [[(p.row, p.col, 100 * p.distance) for p in found] for found in (here, there)]
-    assert np.allclose(*places, atol=1e-3)
+    assert measure.play("shapes", 1, memory) == here
 
 
 def test_rates_of_known_outcomes():

@@ -93,20 +93,3 @@ def test_a_tile_shows_its_letter_from_above_not_mirrored(world, stage, name, yaw
     assert mine.sum() == pytest.approx(48**2, rel=0.05)
     assert overlap(ink, drawn(affinity.rotate(tiles.tile_ink(name), np.degrees(yaw), origin=(0, 0)))) > 0.8
     assert world.pose(body)[0].yaw == pytest.approx(yaw, abs=0.01)
-
-
-@pytest.mark.parametrize("texture", tiles.TEXTURES)
-def test_all_faces_of_a_block_but_the_lowest_have_the_pattern(texture):
-    size = np.array([0.04, 0.05, 0.03])
-    plain, ink = tiles._block(texture, tuple(size))
-    for normal in np.concatenate([np.eye(3), -np.eye(3)[:2]]):
-        distance = np.abs(normal @ size) / 2
-
-        def area_on_face(mesh, normal=normal, distance=distance):
-            there = (mesh.face_normals @ normal > 0.9) & (mesh.triangles_center @ normal > distance - 1e-6)
-            return mesh.area_faces[there].sum()
-
-        face = size.prod() / (2 * distance)
-        assert area_on_face(plain) + area_on_face(ink) == pytest.approx(face)  # no gap and no overlap
-        assert 0.2 < area_on_face(ink) / face < 0.7
-        assert (ink.triangles @ normal).max() < distance + 1e-9  # nothing sticks out of the contact shape
