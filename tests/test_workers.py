@@ -21,7 +21,6 @@ FATAL = 12
 @dataclass(frozen=True)
 class Job:
     indices: Sequence[int]
-    started: Path | None = None
 
 
 def run_and_be_killed(job):
@@ -29,12 +28,6 @@ def run_and_be_killed(job):
     if FATAL in job.indices:
         os.kill(os.getpid(), signal.SIGKILL)
     return [Episode(index, 1.0, 1, ()) for index in job.indices]
-
-
-def sleep(job):
-    job.started.write_text(str(os.getpid()))
-    time.sleep(600)
-    return []
 
 
 def test_processes_know_tasks_and_worlds_from_outside_and_outcomes_come_in_the_order_of_the_jobs(monkeypatch):
@@ -71,17 +64,20 @@ def alive(pid):
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="reads /proc")
 def test_processes_end_with_their_parent(tmp_path):
-    started = tmp_path / "started"
-    script = tmp_path / "script.py"
-    script.write_text(f"""
-from pathlib import Path
+    started, script = tmp_path / "started", tmp_path / "script.py"
+    script.write_text("""
+import os, pathlib, sys, time, types
 from gem_lite.evaluation import workers
-import test_workers
+
+def sleep(job):
+    pathlib.Path(sys.argv[1]).write_text(str(os.getpid()))
+    time.sleep(600)
+
 if __name__ == "__main__":
-    workers.run_jobs(test_workers.sleep, [test_workers.Job([0], Path({str(started)!r}))], "test", float, 1)
+    workers.run_jobs(sleep, [types.SimpleNamespace(indices=[0])], "test", processes=1)
 """)
-    paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
-    parent = subprocess.Popen([sys.executable, str(script)], env=os.environ | {"PYTHONPATH": paths})
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    parent = subprocess.Popen([sys.executable, script, started], env=environment)
     try:
         wait_until(lambda: started.exists() and started.read_text())
     finally:
