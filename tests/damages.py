@@ -4,8 +4,10 @@ import dataclasses
 import hashlib
 import io
 import json
+import os
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 
@@ -58,3 +60,32 @@ def archive_names(demonstrations):
         digest = hashlib.sha256(archive(demonstration)).hexdigest()
         sums[f"episode-{number:04d}-{digest[:12]}.npz"] = digest
     return sums
+
+
+def contents(folder):
+    """The bytes of all files by their paths in a folder."""
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def stop_at_write(monkeypatch, number, error, suffix=""):
+    """From write or rename ``number`` on, of files whose names hold ``suffix``, no more reaches the disk.
+
+    They are counted from 0. Then half of the content is written, and ``error`` is raised. Returns the list of calls.
+    """
+    calls = []
+
+    def counted(honest):
+        def call(path, *args, **kwargs):
+            if suffix in Path(path).name:
+                calls.append(path)
+                if len(calls) > number:
+                    if isinstance(args[0], bytes):
+                        honest(path, args[0][: len(args[0]) // 2])
+                    raise error
+            return honest(path, *args, **kwargs)
+
+        return call
+
+    monkeypatch.setattr(Path, "write_bytes", counted(Path.write_bytes))
+    monkeypatch.setattr(os, "replace", counted(os.replace))
+    return calls

@@ -11,6 +11,7 @@ from small import disturbed, small
 
 from gem_lite.language import LOCATION_CODE_LENGTH
 from gem_lite.policies import checkpoints, methods
+from gem_lite.policies.augment import apply
 from gem_lite.policies.checkpoints import load_policy, save_policy
 from gem_lite.policies.inputs import Inputs, numbered_steps
 from gem_lite.policies.networks import parameter_count
@@ -18,7 +19,6 @@ from gem_lite.policies.transporter import turned_crops
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import ImageMotion, angle_bins
 from gem_lite.training import train
-from gem_lite.training.train import make_batch
 
 D, WIDTH, INNER = 16, 24, (12, 6)
 L = D + LOCATION_CODE_LENGTH
@@ -111,13 +111,9 @@ def test_all_move_with_the_table_by_16_pixels(name):
     moved = changed(still, lambda image: image.roll(16, dims=2), lambda feature, cell: feature.roll(16 // cell, dims=2))
     inside = slice(140, 180)
     with torch.no_grad():
-        for plain, shifted in (
-            (policy.score_pick(still), policy.score_pick(moved)),
-            (
-                policy.score_place(still, torch.tensor([[155, 14]])),
-                policy.score_place(moved, torch.tensor([[171, 14]])),
-            ),
-        ):
+        picks = policy.score_pick(still), policy.score_pick(moved)
+        places = (policy.score_place(one, torch.tensor([[row, 14]])) for one, row in ((still, 155), (moved, 171)))
+        for plain, shifted in (picks, places):
             error = (shifted.roll(-16, dims=2) - plain)[..., inside, :].abs().max()
             assert error < 2e-5 * plain[..., inside, :].abs().max()
             assert plain[..., inside, :].std() > 1e-4
@@ -145,6 +141,15 @@ def test_place_queries_turn_with_the_object(name, turns):
     expected = before.roll(-turns * SMALL[name].angles // 4, dims=1)
     assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
     assert not torch.allclose(turned, before, atol=1e-2 * float(before.abs().max()))
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_their_pick_does_not_turn_with_the_table(name):
+    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
+    turned = changed(inputs, *[lambda image, cell=None: torch.rot90(image, 1, dims=(-2, -1))] * 2)
+    with torch.no_grad():
+        expected = torch.rot90(policy.score_pick(inputs), 1, dims=(-2, -1)).roll(SMALL[name].angles // 4, dims=1)
+        assert (policy.score_pick(turned) - expected).abs().max() > 0.1 * expected.abs().max()
 
 
 def test_turned_crops_keep_the_pick_at_their_centre():
@@ -175,12 +180,10 @@ def test_each_phrase_reaches_its_own_module(name):
     other = F.normalize(torch.randn(1, L), dim=1)
     with torch.no_grad():
         pick, place = policy.score_pick(inputs), policy.score_place(inputs, picks)
-        said = dataclasses.replace(inputs, words=inputs.words | {"pick": other})
-        assert not torch.allclose(policy.score_pick(said), pick)
-        assert torch.equal(policy.score_place(said, picks), place)
-        said = dataclasses.replace(inputs, words=inputs.words | {"place": other})
-        assert torch.equal(policy.score_pick(said), pick)
-        assert not torch.allclose(policy.score_place(said, picks), place)
+        for role in ("pick", "place"):
+            said = dataclasses.replace(inputs, words=inputs.words | {role: other})
+            assert torch.allclose(policy.score_pick(said), pick) == (role != "pick")
+            assert torch.allclose(policy.score_place(said, picks), place) == (role != "place")
 
 
 def test_grounding_multiplies_clips_features_with_the_words():
@@ -188,19 +191,31 @@ def test_grounding_multiplies_clips_features_with_the_words():
     policy, inputs = without_clip("cliport-grounded"), random_inputs("cliport-grounded", 32, 32)
     words = torch.zeros(1, L)
     words[:, :8] = 1.0
-    coarse = inputs.features["level 0"]
-    unseen, seen = coarse.clone(), coarse.clone()
-    unseen[:, 8:] += 1.0
-    seen[:, :8] += 1.0
+
+    def scores(part, more):
+        feature = inputs.features["level 0"].clone()
+        feature[:, part] += more
+        features = inputs.features | {"level 0": feature}
+        return policy.score_pick(dataclasses.replace(inputs, features=features, words={"pick": words}))
+
     with torch.no_grad():
-        plain, same, other = (
-            policy.score_pick(
-                dataclasses.replace(inputs, features=inputs.features | {"level 0": feature}, words={"pick": words})
-            )
-            for feature in (coarse, unseen, seen)
-        )
-    assert torch.equal(plain, same)
-    assert not torch.allclose(plain, other)
+        plain = scores(slice(8, None), 0.0)
+        assert torch.equal(scores(slice(8, None), 1.0), plain)
+        assert not torch.allclose(scores(slice(0, 8), 1.0), plain)
+
+
+@pytest.mark.parametrize(("name", "same"), [("cliport", True), ("cliport-grounded", False)])
+def test_only_the_grounded_one_is_told_how_words_and_features_match(name, same):
+    # With the axes of the words renamed, and its weights with them, CLIPort says what it said.
+    policy, inputs = without_clip(name), random_inputs(name, 32, 32)
+    renamed = dataclasses.replace(inputs, words={"pick": inputs.words["pick"].flip(1)})
+    with torch.no_grad():
+        before = policy.score_pick(inputs)
+        assert not torch.allclose(policy.score_pick(renamed), before, rtol=1e-3)
+        for layer in policy.pick.modules():
+            if isinstance(layer, torch.nn.Linear):
+                layer.weight.copy_(layer.weight.flip(1))
+        assert torch.allclose(policy.score_pick(renamed), before, rtol=1e-3) == same
 
 
 def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
@@ -253,8 +268,6 @@ def test_inner_features_reach_cliport(model):
 
 
 def test_augmentation_moves_coarse_features_along(trained_on):
-    from gem_lite.policies.augment import apply
-
     sample = trained_on("cliport")[1][0][0]
     coarse = torch.zeros(1, 20, 10)
     coarse[0, 8:10, 3:5] = 1.0
@@ -272,7 +285,7 @@ def test_augmentation_moves_coarse_features_along(trained_on):
 @pytest.mark.parametrize("name", methods.METHODS.names())
 def test_a_gradient_step_lowers_both_losses_also_in_mixed_precision(name, trained_on):
     policy, prepared = trained_on(name)
-    batch = make_batch(policy, prepared, np.random.default_rng(0))
+    batch = train.make_batch(policy, prepared, np.random.default_rng(0))
     before = policy.losses(batch)
     assert set(before) == set(policy.roles)
     with torch.autocast("cpu", torch.bfloat16):  # What a GPU does: networks in bfloat16, the rest in float32.
@@ -330,8 +343,6 @@ def test_a_missing_view_is_named(model, demo_set):
     bad = dataclasses.replace(bad, steps=(one_eyed, *bad.steps[1:]))
     policy = methods.METHODS.find("gem")(SMALL["gem"], model)
     policy.remember([good, bad])
-    with pytest.raises(
-        ValueError,
-        match=rf"1 of {bad.task} \(seed {bad.seed}\) .* views of front, left, but .* front, left, right",
-    ):
+    message = rf"1 of {bad.task} \(seed {bad.seed}\) .* views of front, left, but .* front, left, right"
+    with pytest.raises(ValueError, match=message):
         list(policy.prepare([good, bad]))

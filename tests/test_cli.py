@@ -297,16 +297,6 @@ def test_train_and_evaluate_and_show(at_home, jobs_here, tmp_path):
     assert at_home("results", "list", "--folder", "filed") == "put-block-in-bowl: 1 rows, of transporter-lan\n"
 
 
-def test_several_processes_train_by_the_same_command(tmp_path):
-    # What `accelerate launch -m gem_lite.cli train` calls on several GPUs; on CPUs it wants MPI.
-    launch = "-m torch.distributed.run --standalone --nproc-per-node 2 -m gem_lite.cli train"
-    words = [*launch.split(), DEMONSTRATIONS, "policy.safetensors", "--method", "transporter-lan", "--episodes", "1"]
-    done = subprocess.run([sys.executable, *words, *SMALL], cwd=tmp_path, capture_output=True, text=True, timeout=1800)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("wrote policy.safetensors") == 1
-    assert read_card(tmp_path / "policy.safetensors")["config"]["steps"] == 2
-
-
 def test_several_tables(at_home, jobs_here):
     words = ("--tasks", "object-sorting-seen", "--episodes", 1, "--out", "rows.jsonl")
     printed = at_home("several-tables", SORTING_POLICY, *words)

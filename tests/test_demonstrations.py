@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from damages import png_that_claims
+from damages import archive_names, contents, png_that_claims, stop_at_write
 
 from gem_lite import clip, language, tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
@@ -43,24 +43,8 @@ def archives(tmp_path):
     return folder
 
 
-def assert_same(a, b):
-    assert (a.task, a.split, a.seed, a.world, len(a.steps)) == (b.task, b.split, b.seed, b.world, len(b.steps))
-    for one, two in zip(a.steps, b.steps, strict=True):
-        plain = [dataclasses.replace(step, observation=None) for step in (one, two)]
-        assert plain[0] == plain[1]
-        for left, right in zip(one.observation.views, two.observation.views, strict=True):
-            assert left.camera == right.camera
-            np.testing.assert_array_equal(left.rgb, right.rgb)
-            np.testing.assert_array_equal(left.depth, right.depth)
-            assert right.rgb.dtype == np.uint8 and right.depth.dtype == np.float32
-
-
 def seeds(demos):
     return [demonstration.seed for demonstration in demos]
-
-
-def contents(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def episode(folder, number):
@@ -80,7 +64,7 @@ def change_manifest(folder, **changes):
 
 def test_an_episode_holds_what_the_expert_saw_and_did(demo_set, world):
     demonstration = load(demo_set[0])[1]
-    assert_same(collecting.roll_out(world, TASK, "train", 1), demonstration)
+    assert archive_names([collecting.roll_out(world, TASK, "train", 1)]) == archive_names([demonstration])
     assert (demonstration.task, demonstration.split, demonstration.seed) == (TASK, "train", 1)
     assert sum(step.reward for step in demonstration.steps) == pytest.approx(1.0)
     task = tasks.make(TASK, "train")
@@ -94,14 +78,12 @@ def test_an_episode_holds_what_the_expert_saw_and_did(demo_set, world):
 
 
 def test_collect_refuses_before_it_writes(tmp_path):
-    for name, episodes, message in ((TASK, 0, "episodes must be at least 1"), ("no-such-task", 1, "no-such-task")):
-        with pytest.raises(ValueError, match=message):
-            collect(name, episodes, tmp_path / "new")
-        assert not (tmp_path / "new").exists()
+    with pytest.raises(ValueError, match="episodes must be at least 1"):
+        collect(TASK, 0, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_collection_that_was_stopped_goes_on(demo_set, tmp_path, monkeypatch):
-    """Stopped while the second episode is played, then asked for again: the same set as without the stop."""
     played = []
 
     def roll_out(world, name, split, index):
@@ -122,7 +104,6 @@ def test_a_collection_that_was_stopped_goes_on(demo_set, tmp_path, monkeypatch):
 
 
 def test_a_collection_goes_on_behind_archives_and_behind_episodes_that_failed(archives, demo_set, monkeypatch):
-    """The third episode fails, and the collection is stopped after the next one: it is not played again."""
     change_manifest(archives, next=2)
     good, played = dataclasses.replace(demo_set[1][0], world="varied"), []
 
@@ -238,26 +219,6 @@ def test_episodes_are_read_when_they_are_asked_for_and_checked_then(copied):
 # Saving
 
 
-def stop_at_write(monkeypatch, number, error):
-    """From write or rename ``number`` on, counted from 0, nothing reaches the disk and ``error`` is raised."""
-    calls = []
-
-    def counted(honest):
-        def call(*args, **kwargs):
-            calls.append(args)
-            if len(calls) > number:
-                if isinstance(args[-1], bytes):
-                    honest(args[0], args[-1][: len(args[-1]) // 2])  # a half-written file
-                raise error
-            return honest(*args, **kwargs)
-
-        return call
-
-    monkeypatch.setattr(Path, "write_bytes", counted(Path.write_bytes))
-    monkeypatch.setattr(os, "replace", counted(os.replace))
-    return calls
-
-
 @pytest.fixture
 def small(demo_set):
     """An episode of one step with one view: few files."""
@@ -329,9 +290,6 @@ def test_both_kinds_of_action_are_kept(small, tmp_path, action):
     assert (found.expert, found.trace, found.reward) == (step.expert, step.trace, step.reward)
 
 
-# One process at a time
-
-
 def test_a_second_writer_is_refused_while_a_set_is_saved_or_collected(demo_set, tmp_path, monkeypatch):
     def rivals():
         for rival in (lambda: save(demo_set[1][1:], tmp_path), lambda: collect(TASK, 1, tmp_path)):
@@ -375,8 +333,9 @@ def read_archive(arrays=(), **entries):
 
 def test_an_archive_holds_the_same_as_a_folder(archives, tmp_path):
     save(load(archives), tmp_path / "folders")
-    for old, new in zip(load(archives), load(tmp_path / "folders"), strict=True):
-        assert_same(old, new)
+    assert archive_names(load(tmp_path / "folders")) == archive_names(load(archives))
+    (view, *_) = load(tmp_path / "folders")[0].steps[0].observation.views
+    assert view.rgb.dtype == np.uint8 and view.depth.dtype == np.float32
     # Without a kind, an action is a pick and place on the only table.
     before = load(SHIPPED)[0].steps[0].expert
     poses = {name: dataclasses.asdict(getattr(before.action, name)) for name in ("pick", "place")}

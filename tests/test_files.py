@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damages import stop_at_write
 
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.demonstrations import DemonstrationStep
@@ -17,10 +18,12 @@ from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2
 
-WRITER = """
-import sys
+IMPORTS = """
+import sys, time
 from pathlib import Path
-from gem_lite.foundations.files import write_atomically
+from gem_lite.foundations.files import write_atomically, writing
+"""
+WRITER = """
 path, letter = Path(sys.argv[1]), sys.argv[2].encode()
 for number in range(60):
     write_atomically(path, letter * (1000 + 500 * number))
@@ -28,7 +31,7 @@ for number in range(60):
 
 
 def start(program, *arguments):
-    words = [sys.executable, "-c", program, *map(str, arguments)]
+    words = [sys.executable, "-c", IMPORTS + program, *map(str, arguments)]
     return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -58,25 +61,20 @@ def test_content_reaches_the_disk_before_its_name(tmp_path, monkeypatch):
     assert order == ["sync", "sync", "a", "b", "sync"], "both contents, both names, then the folder"
 
 
-def fail_at_rename(monkeypatch, number):
-    """The rename ``number``, counted from 0, fails; those after it work."""
-    rename, calls = os.replace, []
-
-    def replace(old, new):
-        calls.append(new)
-        if len(calls) == number + 1:
-            raise PermissionError("denied")
-        rename(old, new)
-
-    monkeypatch.setattr(os, "replace", replace)
-
-
 @pytest.mark.parametrize("number", range(6))
 def test_a_group_is_all_old_after_a_rename_that_failed(tmp_path, monkeypatch, number):
     names = ("one", "two", "three")
     old = {tmp_path / name: name.encode() for name in names}
     write_together(old)
-    fail_at_rename(monkeypatch, number)
+    rename, calls = os.replace, []
+
+    def replace(temporary, path):
+        calls.append(path)
+        if len(calls) == number + 1:  # those after it work
+            raise PermissionError("denied")
+        rename(temporary, path)
+
+    monkeypatch.setattr(os, "replace", replace)
     with pytest.raises(PermissionError):
         write_together({path: b"new" for path in old})
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == old
@@ -85,19 +83,10 @@ def test_a_group_is_all_old_after_a_rename_that_failed(tmp_path, monkeypatch, nu
 @pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()], ids=["full disk", "stopped"])
 def test_a_write_that_failed_leaves_no_temporary_file(tmp_path, monkeypatch, error):
     write_atomically(tmp_path / "file", b"old")
-    write = Path.write_bytes
-
-    def half(self, content):
-        write(self, content[: len(content) // 2])
-        raise error
-
-    monkeypatch.setattr(Path, "write_bytes", half)
+    stop_at_write(monkeypatch, 0, error)
     with pytest.raises(type(error)):
         write_together({tmp_path / "file": b"new", tmp_path / "other": b"new"})
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
-
-
-# A process that dies in the middle of a group.
 
 
 def save_and_die(folder, number):
@@ -164,7 +153,6 @@ def test_a_save_that_is_killed_never_leaves_a_mixture(tmp_path):
 
 
 def test_a_scene_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
-    """Another process saves between the two pictures of a camera."""
     recording(100, 0.6).save(tmp_path)
     read, calls = Path.read_bytes, []
 
@@ -182,12 +170,8 @@ def test_a_scene_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch)
     assert set(parts_of(Observation.load(tmp_path))) == {100, 200}
 
 
-# One process at a time.
-
 HOLDER = """
-import sys
-from gem_lite.foundations.files import writing
-with writing(__import__("pathlib").Path(sys.argv[1])):
+with writing(Path(sys.argv[1])):
     print("in", flush=True)
     sys.stdin.read()
 """
@@ -214,9 +198,6 @@ def test_a_second_process_is_refused_until_the_first_has_ended(tmp_path):
 
 
 COUNTER = """
-import sys, time
-from pathlib import Path
-from gem_lite.foundations.files import writing
 folder = Path(sys.argv[1])
 count = 0
 while count < 100:
@@ -237,9 +218,6 @@ def test_no_two_processes_are_ever_in_one_folder(tmp_path):
         end(process)
     assert (tmp_path / "number").read_text() == "300"
     assert [path.name for path in tmp_path.iterdir()] == ["number"]
-
-
-# Numbers
 
 
 @pytest.mark.parametrize("number", ["1e999", "-1e999", "1" + 400 * "0", "1" * 5000, "NaN", "Infinity", "-Infinity"])

@@ -12,7 +12,7 @@ from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.choosing import Gate, gated, near_peak
+from gem_lite.policies.choosing import Gate, gated, near_peak, untried
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import Inputs
@@ -42,9 +42,6 @@ def choose(policy, monkeypatch, pick, place, empty_picks=(), push=False, gates=N
     monkeypatch.setattr(policy, "score_places", lambda inputs, table, pixel: place)
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
     return policy.choose("", Queries("block", "square", push=push), None, inputs, empty_picks, gates or {})
-
-
-# Near the peak
 
 
 def spots(*cells):
@@ -114,16 +111,18 @@ def test_a_push_may_start_away_from_the_peak_of_its_map():
     assert policy_of("gem-without-peak").gates((), inputs, Queries("block", "square")) == {}
 
 
-# Choosing
-
-
 def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_table(monkeypatch):
     policy = policy_of()
     pick = scores_at((0, 40, 40, 2.0), (0, 80, 20, 1.0))
     place = scores_at((0, 100, 60, 1.0))
     tried = Pose2(*SMALL.workspace.to_world(40, 40))
-    assert choose(policy, monkeypatch, pick, place).pick_cell[1:] == (40, 40)
-    assert choose(policy, monkeypatch, pick, place, [tried]).pick_cell[1:] == (80, 20)
+    chosen = choose(policy, monkeypatch, pick, place, [tried])
+    assert chosen.pick_cell[1:] == (80, 20)
+    assert np.array_equal(chosen.pick_logits, pick[0]), "the logits are the network's own"
+    for other, empty in ((policy, []), (policy_of(empty_radius=0.0), [tried])):
+        assert choose(other, monkeypatch, pick, place, empty).pick_cell[1:] == (40, 40)
+    cells, radius = ~untried([tried], SMALL), SMALL.empty_radius / SMALL.pixel
+    assert cells[40, 40] and int(cells.sum()) == pytest.approx(np.pi * radius**2, rel=0.35)
     rows, cols = np.indices(SHAPE)
     everything = [
         Pose2(x, y) for x, y in np.stack(SMALL.workspace.to_world(rows, cols), axis=-1)[::2, ::2].reshape(-1, 2)
@@ -161,9 +160,6 @@ def test_another_precision_is_refused_in_one_sentence(dtype):
         policy.choose("", Queries("block", "square"), None, inputs)
 
 
-# Rules that a trained policy may change
-
-
 def test_names_of_rules_alone_share_their_training():
     assert methods.trained("gem-multi-without-peak-without-locations") == "gem-multi"
     assert methods.trained("gem-without-conjuncts-without-parsing") == "gem-without-parsing"
@@ -185,26 +181,15 @@ def test_a_trained_policy_acts_by_other_rules_and_keeps_its_networks(multi):
         multi.act_as(methods.find("cliport-multi")[1])
 
 
-class Painted:
-    """A source whose maps are given, by the query."""
-
-    uses_views = False
-
-    def __init__(self, maps):
-        self.maps = maps
-
-    def embed(self, views):
-        return types.SimpleNamespace(heightmap=types.SimpleNamespace(height=FLAT.numpy()))
-
-    def map(self, scene, query):
-        return self.maps[query].numpy()
-
-
 def test_a_rival_with_the_rules_keeps_to_the_same_cells_as_gem(monkeypatch):
     rival = policy_of("transporter-lan", map_rules=True)
     two = spots((40, 20, 1.0), (40, 60, 1.0))
     maps = {"red block": spots((100, 40, 1.0)), "left star hole": two, "star hole": two}
-    monkeypatch.setattr(rival, "_map_source", Painted(maps))
+    scene = types.SimpleNamespace(heightmap=types.SimpleNamespace(height=FLAT.numpy()))
+    source = types.SimpleNamespace(
+        uses_views=False, embed=lambda views: scene, map=lambda scene, query: maps[query].numpy()
+    )
+    monkeypatch.setattr(rival, "_map_source", source)
     gates = rival.gates((), None, Queries("red block", "left star hole"))
     pick = scores_at((0, 10, 10, 5.0), (3, 101, 40, 1.0))
     place = scores_at((0, 40, 60, 5.0), (1, 41, 20, 1.0))

@@ -56,28 +56,18 @@ def test_a_place_kernel_in_another_precision_leaves_the_others_as_they_are():
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
-def test_place_is_bi_equivariant(turns):
-    # Eq. 6, the head alone: turning the object (crop) by g2 turns the best relative angle by -g2 and moves
-    # nothing; turning the goal by g1 turns position and angle by g1.
-    head = disturbed(PlaceModule(SMALL, D))
-    crop, features = torch.randn(1, 5, 17, 17), torch.randn(1, 3, 33, 33)
-    quarter = SMALL.angles // 4
-    before = head.score(features, head.kernel(crop)).detach()
+def test_pick_is_equivariant_and_place_bi_equivariant(turns):
+    # Eq. 5 and 6, the heads alone: turning the object (crop) by g2 turns the best relative angle by -g2 and moves
+    # nothing; turning the scene or the goal by g1 turns position and angle by g1.
+    crop, features, quarter = torch.randn(1, 5, 17, 17), torch.randn(1, 3, 33, 33), SMALL.angles // 4
+    for head, given in ((disturbed(PickModule(SMALL, D)), torch.randn(1, D)), (disturbed(PlaceModule(SMALL, D)), crop)):
+        before = head.score(features, head.kernel(given)).detach()
+        close = 1e-4 * float(before.abs().max())
+        turned = head.score(torch.rot90(features, turns, dims=(-2, -1)), head.kernel(given))
+        expected = torch.rot90(before, turns, dims=(-2, -1)).roll(quarter * turns, dims=1)
+        assert torch.allclose(turned, expected, atol=close)
     object_turned = head.score(features, head.kernel(torch.rot90(crop, turns, dims=(-2, -1))))
-    assert torch.allclose(object_turned, before.roll(-quarter * turns, dims=1), atol=1e-4 * float(before.abs().max()))
-    goal_turned = head.score(torch.rot90(features, turns, dims=(-2, -1)), head.kernel(crop))
-    expected = torch.rot90(before, turns, dims=(-2, -1)).roll(quarter * turns, dims=1)
-    assert torch.allclose(goal_turned, expected, atol=1e-4 * float(before.abs().max()))
-
-
-def test_pick_head_follows_a_turned_scene():
-    head = disturbed(PickModule(SMALL, D))
-    features, words = torch.randn(1, 3, 33, 33), torch.randn(1, D)
-    kernel = head.kernel(words)
-    before = head.score(features, kernel).detach()
-    turned = head.score(torch.rot90(features, 1, dims=(-2, -1)), kernel)
-    expected = torch.rot90(before, 1, dims=(-2, -1)).roll(SMALL.angles // 4, dims=1)
-    assert torch.allclose(turned, expected, atol=1e-4 * float(before.abs().max()))
+    assert torch.allclose(object_turned, before.roll(-quarter * turns, dims=1), atol=close)
 
 
 def test_refiner_starts_as_the_raw_map():
@@ -175,9 +165,8 @@ def test_recolouring_exchanges_and_scales_colours_and_nothing_else():
 def test_recolouring_is_for_methods_that_see_colours_through_clip():
     def recolors(name, **values):
         method, config = methods.find(name)
-        return method(
-            dataclasses.replace(config, **values), types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
-        ).recolors
+        sizes = types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
+        return method(dataclasses.replace(config, **values), sizes).recolors
 
     assert [recolors(name) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem-without-semantic-map")

@@ -20,7 +20,6 @@ def table(text):
 READ = """
     grasp the mug by the handle and put it on the tray | mug handle | tray
     pick up the red block and put it on top of the green one | red block | green one
-    pick the red block, and place it in the box | red block | box
     Can you please put the duck into the bowl? | duck | bowl
     put the red block in the bowl now, please. | red block | bowl
     pick the mug up and place it in the box | mug | box
@@ -32,31 +31,16 @@ READ = """
     Please align the rope from front left tip to back left corner. | rope | front left tip to back left corner
 """
 OF_THE_PAPER = """
-    put the red letter A shape in the left letter A shape hole | red letter a shape | left letter a shape hole
-    pack all the red and blue blocks into the brown box | red and blue blocks | brown box
-    pack the black and blue sneakers in the brown box | black and blue sneakers | brown box
-    pack the can opener in the brown box | can opener | brown box
-    put the cyan block on the lightest brown block | cyan block | lightest brown block
-    move the red ring to the middle of the stand | red ring | middle of the stand
     pick the blue mug handle and place into brown box | blue mug handle | brown box
     pick blue letter E block and place onto green plate | blue letter e block | green plate
     pick yellow block and place on gray and red block | yellow block | gray and red block
     pick all toys and place into brown box | toys | brown box
-    Grasp the mug by its handle and put it in the box | mug handle | box
+    pick letter R shape and place into letter R block hole | letter r shape | letter r block hole
 """
-"""Of the benchmark's and the paper's tasks."""
-LETTERS = "pick the green letter R shape and place into the green letter R block hole"
-SHOES = "black shoe with orange stripes objects"
+"""Of the paper's tasks."""
 
 
-@pytest.mark.parametrize(
-    ("instruction", "pick", "place"),
-    [
-        *table(READ), *table(OF_THE_PAPER),
-        (LETTERS, "green letter r shape", "green letter r block hole"),
-        (f"pack all the {SHOES} in the brown box", SHOES, "brown box"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("instruction", "pick", "place"), [*table(READ), *table(OF_THE_PAPER)])
 def test_instructions(instruction, pick, place):
     assert parse(instruction) == Queries(pick, place)
 
@@ -174,8 +158,6 @@ def test_the_words_of_the_tasks_in_every_combination():
         assert_read_as_written(f"align the rope from {start} to {end}")
 
 
-# What the tasks and the vocabulary name
-
 KINDS = vocabulary.SHAPES | vocabulary.TILES | vocabulary.HOLES | vocabulary.BOXES
 NOUNS = [name for names in KINDS.values() for name in names]
 
@@ -248,9 +230,6 @@ def test_a_query_is_a_phrase_or_a_picture():
             ImageQuery(wrong)
 
 
-# Location words
-
-
 LOCATED = """
     the pile of red blocks on the right | right pile of red blocks
     the red and white flashlight on the left | left red and white flashlight
@@ -291,9 +270,6 @@ def test_location_words_that_are_not_understood_are_refused(thing):
     for text in (thing, "", "grab the red block", "red block in the bowl", "3 mugs"):
         with pytest.raises(ValueError, match="the instruction"):
             parse_thing(text)
-
-
-# What no phrase contains
 
 
 @pytest.mark.parametrize(

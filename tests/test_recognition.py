@@ -1,7 +1,6 @@
 """A refusal with a reason when nothing on the table matches the words."""
 
 import json
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,36 +17,21 @@ from gem_lite.se2 import Workspace
 FOREIGN = clip.DATA / "foreign-scenes"
 
 
-@dataclass
-class Table:
-    """A scene without pictures: a height map alone."""
-
-    heightmap: HeightMap
-
-
-class Reader:
-    """A CLIP that has read some words; the embeddings of others depend on the wording."""
+class Painted:
+    """A source with given maps, and its CLIP. There, the embeddings of unknown words depend on the wording."""
 
     calibration = SimpleNamespace(retrieval_threshold=0.9)
 
-    def __init__(self, *unknown):
-        self.unknown = unknown
+    def __init__(self, maps, *unknown):
+        self.maps, self.unknown, self.clip = maps, unknown, self
+
+    def map(self, scene, phrase):
+        return self.maps.get(phrase, np.zeros(scene.heightmap.height.shape, np.float32))
 
     def embed_texts(self, phrases):
         read = [not any(word in phrase for word in self.unknown) for phrase in phrases]
         number = [0 if known else len(phrase) for phrase, known in zip(phrases, read, strict=True)]
         return torch.eye(100)[number]
-
-
-class Painted:
-    """A source whose maps are written down."""
-
-    def __init__(self, maps, *unknown):
-        self.maps = maps
-        self.clip = Reader(*unknown)
-
-    def map(self, scene, phrase):
-        return self.maps.get(phrase, np.zeros(scene.heightmap.height.shape, np.float32))
 
 
 @pytest.fixture
@@ -58,18 +42,19 @@ def table():
     height[20:30, 20:30] = 0.04
     height[100:110, 40:50] = 0.04
     height[60, 60] = 0.04
-    return Table(HeightMap(workspace, np.zeros((*workspace.shape, 3), np.uint8), height, height >= 0))
+    heightmap = HeightMap(workspace, np.zeros((*workspace.shape, 3), np.uint8), height, height >= 0)
+    return SimpleNamespace(heightmap=heightmap)
 
 
 def painted(table, *unknown, **values):
     """A source with constant values on the first and the second thing, by phrase; ``unknown`` are words."""
-    maps = {}
+    source = Painted({}, *unknown)
     for phrase, (first, second) in values.items():
         semantic = np.zeros(table.heightmap.height.shape, np.float32)
         semantic[20:30, 20:30] = first
         semantic[100:110, 40:50] = second
-        maps[phrase.replace("_", " ")] = semantic
-    return Painted(maps, *unknown)
+        source.maps[phrase.replace("_", " ")] = semantic
+    return source
 
 
 def test_alternatives_change_the_colour_or_the_noun():
@@ -79,9 +64,7 @@ def test_alternatives_change_the_colour_or_the_noun():
     assert refusal.alternatives("hammer", ("hammer", "spoon")) == ["spoon"]
     piles = refusal.alternatives("pile of red blocks", ("spoon",))
     assert "pile of blue blocks" in piles and "red spoon" in piles
-
-
-def test_a_less_exact_phrase_is_no_alternative():
+    # A less exact phrase is no alternative.
     others = refusal.alternatives("lightest brown block", ("block", "bowl"))
     assert "brown block" not in others and "pink block" in others and "lightest brown bowl" in others
     assert not any("lightest" in other and "brown" not in other for other in others)
@@ -148,19 +131,15 @@ def test_a_thin_board_with_its_holes_is_a_thing_and_a_bowls_inside_or_a_shadow_i
     assert found.score > 0.5 and abs(row - 15) < 5 and abs(col - 55) < 5
 
 
-def test_a_table_that_is_noisy_and_too_high_is_no_thing(table):
-    masks, _ = refusal.things(table)
+def test_specks_and_a_table_that_is_noisy_and_too_high_are_no_things(table):
+    masks, flat = refusal.things(table)
+    assert [int(mask.sum()) for mask in masks] == [100, 100] and flat == []
     rng = np.random.default_rng(0)
     table.heightmap.height[:] += 0.01 + np.abs(rng.normal(0, 0.005, table.heightmap.height.shape)).astype(np.float32)
     noisy, _ = refusal.things(table)
-    assert len(noisy) == len(masks) == 2
+    assert len(noisy) == 2
     for before, after in zip(masks, noisy, strict=True):
         assert (before & after).sum() > 0.95 * before.sum() and after.sum() < 1.1 * before.sum()
-
-
-def test_specks_are_no_things(table):
-    assert [int(mask.sum()) for mask in refusal.things(table)[0]] == [100, 100]
-    assert refusal.things(table)[1] == []
 
 
 def test_a_phrase_fits_the_thing_on_which_no_alternative_is_much_better(table):
@@ -183,20 +162,20 @@ def test_what_is_not_there_is_refused_with_a_reason(table):
     assert refusal.refusal(table, ["red block and red mug"], source, lowest_margin=-0.1) is not None
     picture = ImageQuery(np.zeros((4, 4, 3), np.uint8))
     assert refusal.refusal(table, [picture], source) is None
-
-
-def test_an_empty_table_refuses_every_phrase(table):
     table.heightmap.height[:] = 0
-    assert refusal.refusal(table, ["red block"], painted(table)) == (
-        'there is no "red block": nothing lies on the table'
-    )
+    assert refusal.refusal(table, ["red block"], source) == 'there is no "red block": nothing lies on the table'
+
+
+def things_of(folder):
+    """The names of the things on a foreign table."""
+    entries = json.loads((FOREIGN / folder / "truth.json").read_text())["things"]
+    return {f"{thing['color']} {thing['kind']}" for thing in entries}
 
 
 def test_the_embedded_clip_refuses_on_a_foreign_table(multi):
     scene = multi.embed(Observation.load(FOREIGN / "workbench").views)
-    entries = json.loads((FOREIGN / "workbench" / "truth.json").read_text())["things"]
-    for thing in entries:
-        assert refusal.refusal(scene, [f"{thing['color']} {thing['kind']}"], multi.source) is None
+    for present in things_of("workbench"):
+        assert refusal.refusal(scene, [present], multi.source) is None, present
     for absent in ("pink block", "white bowl", "banana", "blue block", "cyan star", "something pink", "pink brick"):
         assert refusal.refusal(scene, [absent], multi.source) is not None, absent
     for vague in ("red thing", "something red", "red object", "something green", "red brick"):
@@ -204,11 +183,7 @@ def test_the_embedded_clip_refuses_on_a_foreign_table(multi):
 
 
 def test_most_things_of_other_foreign_tables_are_refused_on_this_one(multi):
-    sentences = json.loads((FOREIGN / "sentences.json").read_text())
-    names = {}
-    for folder in sentences:
-        entries = json.loads((FOREIGN / folder / "truth.json").read_text())["things"]
-        names[folder] = {f"{thing['color']} {thing['kind']}" for thing in entries}
+    names = {folder: things_of(folder) for folder in json.loads((FOREIGN / "sentences.json").read_text())}
     scene = multi.embed(Observation.load(FOREIGN / "kitchen").views)
     asked = sorted(set().union(*names.values()))
     kept = {phrase for phrase in asked if refusal.refusal(scene, [phrase], multi.source) is None}

@@ -1,17 +1,12 @@
 """Prepared steps in files: equal to those in memory, one alive at a time, none stale, one preparation for many."""
 
-import contextlib
 import dataclasses
-import io
-import itertools
-import json
-import multiprocessing
 import sys
 import time
 import tomllib
 import types
 import weakref
-import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +23,6 @@ from gem_lite.policies.inputs import PreparedStep, Sample
 from gem_lite.policies.transporter import TransporterLan
 from gem_lite.training import step_files, train
 
-NAMES = tuple(name for name in methods.METHODS.names() if methods.METHODS.find(name).__module__.startswith("gem_lite"))
 FACTS = {"data": "a", "method": "m"}
 
 
@@ -62,20 +56,10 @@ def test_a_step_comes_back_as_it_was(tmp_path):
     assert len(stored) == 3
     for number, step in enumerate(stored):
         assert [plain(sample) for sample in step] == [plain(sample) for sample in made_step(number)]
+        assert step[1].rgbd is step[0].rgbd, "what both samples share is stored once"
     assert [step[1].pick[0] for step in stored[1:]] == [1.1, 2.1]
     with pytest.raises(IndexError):
         stored[3]
-
-
-def test_what_both_samples_share_is_stored_once(tmp_path):
-    step = made_step(1)
-    same = step_files.store(lambda _: [(step[1], step[1])], tmp_path / "same", FACTS)
-    differ = step_files.store(lambda _: [step], tmp_path / "differ", FACTS)
-    sizes = [len(zlib.decompress(next(one.folder.glob("step*")).read_bytes())) for one in (same, differ)]
-    maps = sum(semantic.nbytes for semantic in step[1].maps.values())
-    assert maps <= sizes[1] - sizes[0] < 1.2 * maps
-    read = differ[0]
-    assert read[1].rgbd is read[0].rgbd
 
 
 def test_the_fingerprint_depends_on_all_that_steps_hold(tmp_path):
@@ -133,54 +117,56 @@ def test_a_damaged_step_is_refused_and_a_missing_one_made_anew(tmp_path, capsys)
     assert first.read_bytes() == content and len(list(again)) == 3
 
 
-def test_no_more_steps_are_alive_while_they_are_made_or_drawn_than_one_needs(tmp_path):
-    references, most_made = [], 0
+def test_of_two_at_once_one_prepares_and_the_other_waits_and_reads_the_same(tmp_path, capsys):
+    made, second = [], ThreadPoolExecutor(1)
+
+    def steps(start):
+        made.append(second.submit(step_files.store, steps, tmp_path, FACTS))
+        deadline = time.time() + 60
+        while "another process prepares the same steps" not in capsys.readouterr().out:
+            assert time.time() < deadline
+            time.sleep(0.01)
+        yield made_step(start)
+
+    stored = step_files.store(steps, tmp_path, FACTS)
+    (waited,) = made
+    assert step_files.fingerprint(waited.result(60)) == step_files.fingerprint(stored)
+
+
+def test_no_more_episodes_and_steps_are_alive_than_one_needs(demo_set, model, tmp_path):
+    class Counting(list):
+        """Its episodes are new ones: it counts how many of them are alive."""
+
+        def __iter__(self):
+            for episode in super().__iter__():
+                episode = dataclasses.replace(episode)
+                counts.append(count_alive(episodes, episode))
+                yield episode
+                del episode
+
+    def count_alive(references, new):
+        references.append(weakref.ref(new))
+        return sum(reference() is not None for reference in references)
 
     def counted(start):
-        nonlocal most_made
-        for number in range(start, 40):
-            step = made_step(number)
-            references.append(weakref.ref(step[0]))
-            most_made = max(most_made, sum(reference() is not None for reference in references))
+        for step in policy.prepare(Counting(demo_set[1][:1] * 6), start):
+            counts.append(count_alive(steps, step[0]))
             yield step
             del step
 
+    policy = TransporterLan(small("transporter-lan"), model)
+    episodes, steps, counts = [], [], []
+    next(iter(counted(0)))
+    assert len(episodes) == len(steps) == 1, "they are prepared when they are asked for"
     stored = step_files.store(counted, tmp_path, FACTS)
-    assert most_made <= 2, "the one being made, and the one before"
+    assert len(steps) == 1 + 6 * len(demo_set[1][0].steps)
+    assert max(counts) <= 2, "the present one, and the one before"
     rng = np.random.default_rng(0)
     drawn = [weakref.ref(train.draw(stored, rng)[0]) for _ in range(20)]
     assert not any(reference() for reference in drawn)
 
 
-def test_steps_are_prepared_when_they_are_asked_for(demo_set, model):
-    policy, seen = TransporterLan(small("transporter-lan"), model), []
-    honest = policy.embed
-    policy.embed = lambda views: seen.append(1) or honest(views)
-    steps = policy.prepare(demo_set[1])
-    assert len(seen) == 0
-    first, second = itertools.islice(steps, 2)
-    assert len(seen) == 2
-    assert plain(first[0]) != plain(second[0])
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """The methods of the steps that are prepared."""
-    made = []
-    for name in NAMES:
-        kind = methods.METHODS.find(name)
-        honest = kind.prepare_step
-
-        def prepare_step(self, *args, honest=honest):
-            made.append(self.method)
-            return honest(self, *args)
-
-        if kind.__base__ not in map(methods.METHODS.find, NAMES):  # a method derived from another counts there
-            monkeypatch.setattr(kind, "prepare_step", prepare_step)
-    return made
-
-
-def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set, model, counted, tmp_path):
+def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set, model, tmp_path):
     demos = demonstrations.load(demo_set[0])[:1]
 
     def prepared(name, **changes):
@@ -189,16 +175,13 @@ def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set,
 
     names = ("gem", "gem-without-steerable-kernel", "gem-without-recoloring", "gem")
     shared = [prepared(name, batch=batch) for batch, name in enumerate(names, 1)]
-    count = len(demo_set[1][0].steps)
-    assert counted == ["gem"] * count
     assert len({one.folder for one in shared}) == len({step_files.fingerprint(one) for one in shared}) == 1
     others = [prepared(name) for name in ("gem-without-parsing", "cliport", "cliport-grounded", "transporter-lan")]
-    assert len(counted) == 5 * count
     assert len({one.folder for one in [*shared, *others]}) == 5
     assert max(path.stat().st_size for path in tmp_path.rglob("step-*")) < 333_000
 
 
-def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, counted, tmp_path):
+def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, tmp_path):
     demos = demonstrations.load(demo_set[0])
     sets = [demos[:1], demos[1:]]
 
@@ -209,10 +192,9 @@ def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, counted, 
 
     for name, alone_is_the_same in (("transporter-lan", True), ("gem", False)):
         alone = [folder for one in sets for folder in folders(name, one)]
-        counted.clear()
         joined = folders(f"{name}-multi", *sets)
         assert (joined == alone) == alone_is_the_same
-        assert len(set(joined)) == 2 and bool(counted) != alone_is_the_same
+        assert len(set(joined)) == 2
         assert (folders(f"{name}-multi", *sets[::-1]) == joined[::-1]) == alone_is_the_same
 
 
@@ -271,25 +253,17 @@ def test_other_data_clips_devices_parsers_and_classes_are_other_identities(demo_
     assert facts() == found[0]
 
 
-OUTSIDE = """
-from gem_lite.policies import methods
-from gem_lite.policies.transporter import TransporterLan
-
-@methods.METHODS.register("mine")
-class Mine(TransporterLan):
-    pass
-"""
-
-
 def test_a_change_of_code_is_seen_where_it_can_decide_steps(model, tmp_path, monkeypatch):
     policy = methods.METHODS.find("transporter-lan")(small("transporter-lan"), model)
     before = step_files.code_digest(policy)
     assert step_files.code_digest(policy) == before
-    (tmp_path / "outside_task.py").write_text(OUTSIDE)  # a name that conftest.py forgets
+    outside = "from gem_lite.policies import methods, transporter\n"
+    outside += "@methods.METHODS.register('mine')\nclass Mine(transporter.TransporterLan): pass\n"
+    (tmp_path / "outside_task.py").write_text(outside)  # a name that conftest.py forgets
     monkeypatch.syspath_prepend(tmp_path)
     registry.load(["outside_task"])
     with_mine = step_files.code_digest(policy)
-    (tmp_path / "outside_task.py").write_text(OUTSIDE + "# changed\n")
+    (tmp_path / "outside_task.py").write_text(outside + "# changed\n")
     changed = step_files.code_digest(policy)
     monkeypatch.delattr(sys.modules["outside_task"], "__file__")  # as in a notebook
     assert len({before, with_mine, changed, step_files.code_digest(policy)}) == 4
@@ -303,47 +277,18 @@ def test_code_counts_but_for_the_rooms_above_the_training():
     assert sorted(layers[: layers.index("training")]) == list(step_files.ABOVE)
 
 
-def prepare_beside_another(folder, own):
-    """What one of two processes does: it waits for the other, and notes what it made, read and said."""
-    made, said = [], io.StringIO()
-
-    def slow_steps(start):
-        for number in range(start, 6):
-            time.sleep(0.05)
-            made.append(number)
-            yield made_step(number)
-
-    (folder / f"ready-{own}").touch()
-    while len(list(folder.glob("ready-*"))) < 2:
-        time.sleep(0.01)
-    with contextlib.redirect_stdout(said):
-        stored = step_files.store(slow_steps, folder / "shared", FACTS)
-    (folder / f"noted-{own}").write_text(json.dumps([made, said.getvalue(), step_files.fingerprint(stored)]))
-
-
-def test_two_processes_at_once_prepare_once_and_read_the_same(tmp_path):
-    fork = multiprocessing.get_context("fork")  # the others import all anew
-    pair = [fork.Process(target=prepare_beside_another, args=(tmp_path, own)) for own in range(2)]
-    for process in pair:
-        process.start()
-    for process in pair:
-        process.join(300)
-    waited, prepared = sorted(json.loads((tmp_path / f"noted-{own}").read_text()) for own in range(2))
-    assert prepared[:2] == [[0, 1, 2, 3, 4, 5], ""]
-    assert waited[0] == [] and "another process prepares the same steps" in waited[1]
-    assert waited[2] == prepared[2]
-
-
-def test_the_command_leaves_the_shared_folder_for_the_next_training(demo_set, counted, tmp_path):
+def test_the_command_leaves_the_shared_folder_for_the_next_training(demo_set, tmp_path):
     def run(name, seed):
         command = ["train", demo_set[0], tmp_path / f"{name}.safetensors", "--method", "transporter-lan"]
         command += ["--state", tmp_path / name, "--prepared", tmp_path / "shared", "--seed", seed]
         return main([str(word) for word in [*command, "--config.batch", 1, "--config.steps", 1 + seed]])
 
+    def kept():
+        return {path: path.stat().st_mtime_ns for path in (tmp_path / "shared").rglob("step-*")}
+
     assert run("first", 0) == 0
-    assert len(counted) == sum(len(demo.steps) for demo in demo_set[1])
-    kept = list((tmp_path / "shared").rglob("step-*"))
-    assert len(kept) == len(counted)
+    first = kept()
+    assert len(first) == sum(len(demo.steps) for demo in demo_set[1])
     assert list((tmp_path / "first").iterdir()) == []
     assert run("second", 1) == 0
-    assert len(counted) == len(kept), "nothing is prepared again"
+    assert kept() == first, "nothing is prepared again"

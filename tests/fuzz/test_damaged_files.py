@@ -6,6 +6,7 @@ sums beside it are made right again, as if another program had written the file.
 
 import copy
 import dataclasses
+import functools
 import hashlib
 import io
 import json
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import safetensors.numpy
-from damages import archive, archive_names
+from damages import archive, archive_names, contents
 from hypothesis import given
 from hypothesis import strategies as st
 from small import SMALL
@@ -52,14 +53,13 @@ TYPES = st.sampled_from(["uint8", "float32", "float64", "int64", "bool"])
 def whole(demo_set, model, tmp_path_factory):
     """A folder with one of every kind of file."""
     folder = tmp_path_factory.mktemp("whole")
-    steps = []
-    for step in demo_set[1][0].steps[:1]:
-        views = []
-        for view in step.observation.views[:2]:
-            camera = dataclasses.replace(view.camera, size=(8, 8))
-            views.append(View(camera, view.rgb[:8, :8].copy(), view.depth[:8, :8].copy()))
-        steps.append(dataclasses.replace(step, observation=Observation(tuple(views))))
-    episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=tuple(steps)) for seed in (0, 1)]
+    step = demo_set[1][0].steps[0]
+    views = [
+        View(dataclasses.replace(view.camera, size=(8, 8)), view.rgb[:8, :8].copy(), view.depth[:8, :8].copy())
+        for view in step.observation.views[:2]
+    ]
+    step = dataclasses.replace(step, observation=Observation(tuple(views)))
+    episodes = [dataclasses.replace(demo_set[1][0], seed=seed, steps=(step,)) for seed in (0, 1)]
     demonstrations.save(episodes, folder / "demos")
     (folder / "archives").mkdir()
     names = archive_names(episodes)
@@ -67,7 +67,7 @@ def whole(demo_set, model, tmp_path_factory):
         (folder / "archives" / name).write_bytes(archive(episode))
     manifest = json.loads((folder / "demos" / "manifest.json").read_text())
     (folder / "archives" / "manifest.json").write_text(json.dumps(manifest | {"schema": 3, "files": names}))
-    steps[0].save(folder / "step")
+    step.save(folder / "step")
     picture = np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3)
     memory = CropMemory(
         [CropEntry("red block", picture, "t", 0), CropEntry("green bowl", picture[::-1], "t", 1)], model
@@ -76,13 +76,6 @@ def whole(demo_set, model, tmp_path_factory):
     file_rows([ROW, ROW | {"seed": 1}], folder / "rows.jsonl")
     shutil.copy(calibration.path_for(model), folder / "calibration.json")
     return folder
-
-
-def contents(folder: Path) -> dict[Path, bytes]:
-    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-# Damages: content to content ------------------------------------------------------------------------------
 
 
 def damaged_bytes(draw: Callable, content: bytes, other: bytes) -> bytes:
@@ -132,9 +125,6 @@ def damaged_arrays(draw: Callable, arrays: dict[str, np.ndarray]) -> dict[str, n
         case "swap":
             changed[name] = arrays[draw(st.sampled_from(sorted(arrays)))]
     return changed
-
-
-# One kind of file each: damage a copy of the whole folder, then read it as a user does ---------------------------
 
 
 def damage_text_or_bytes(draw: Callable, path: Path, other: bytes) -> None:
@@ -188,10 +178,6 @@ def read_demonstrations(folder: Path, model: clip.Clip, name: str = "demos") -> 
         assert all(np.isfinite(step.reward) for step in demonstration.steps)
 
 
-def read_archives(folder: Path, model: clip.Clip) -> None:
-    read_demonstrations(folder, model, "archives")
-
-
 def damage_step(draw: Callable, folder: Path) -> None:
     path = draw(st.sampled_from(sorted((folder / "step").glob("*.png")) + sorted((folder / "step").glob("*.json"))))
     damage_text_or_bytes(draw, path, (folder / "rows.jsonl").read_bytes())
@@ -204,13 +190,11 @@ def read_step(folder: Path, model: clip.Clip) -> None:
 
 def damage_checkpoint(draw: Callable, folder: Path) -> None:
     path, card_file = folder / "policy.safetensors", folder / "policy.json"
-    match draw(st.sampled_from(["bytes", "card's bytes", "card", "weights", "missing"])):
+    match draw(st.sampled_from(["bytes", "card", "weights", "missing"])):
         case "bytes":
-            path.write_bytes(damaged_bytes(draw, path.read_bytes(), (folder / "calibration.json").read_bytes()))
-        case "card's bytes":
-            card_file.write_bytes(damaged_bytes(draw, card_file.read_bytes(), path.read_bytes()))
+            damage_text_or_bytes(draw, path, (folder / "calibration.json").read_bytes())
         case "card":
-            card_file.write_text(json.dumps(damaged_json(draw, json.loads(card_file.read_text()))))
+            damage_text_or_bytes(draw, card_file, path.read_bytes())
         case "weights":
             content = safetensors.numpy.save(damaged_arrays(draw, safetensors.numpy.load(path.read_bytes())))
             card = json.loads(card_file.read_text()) | {"sha256": hashlib.sha256(content).hexdigest()}
@@ -244,10 +228,6 @@ def read_and_file_rows(folder: Path, model: clip.Clip) -> None:
     path.write_bytes(content)
 
 
-def damage_calibration(draw: Callable, folder: Path) -> None:
-    damage_text_or_bytes(draw, folder / "calibration.json", (folder / "policy.json").read_bytes())
-
-
 def read_calibration(folder: Path, model: clip.Clip) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "path_for", lambda model: folder / "calibration.json")
@@ -255,14 +235,19 @@ def read_calibration(folder: Path, model: clip.Clip) -> None:
     assert np.isfinite(found.scale_text(np.zeros(1))).all()
 
 
+def damage_calibration(draw: Callable, folder: Path) -> None:
+    damage_text_or_bytes(draw, folder / "calibration.json", (folder / "policy.json").read_bytes())
+
+
 KINDS = {
     "demonstrations": (damage_demonstrations, read_demonstrations),
-    "archives": (damage_archives, read_archives),
+    "archives": (damage_archives, functools.partial(read_demonstrations, name="archives")),
     "recorded step": (damage_step, read_step),
     "checkpoint": (damage_checkpoint, read_checkpoint),
     "rows": (damage_rows, read_and_file_rows),
     "calibration": (damage_calibration, read_calibration),
 }
+"""By kind: how a copy of the folder is damaged, and how it is then read as a user does."""
 
 
 @pytest.mark.parametrize("kind", KINDS)
