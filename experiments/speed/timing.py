@@ -1,4 +1,4 @@
-"""The clock that the benchmarks share."""
+"""The clock that the scripts of this folder share."""
 
 import time
 from collections.abc import Callable

@@ -67,7 +67,7 @@ class GemConfig(Config, MapConfig):
 
     Attributes:
         peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a thing on which its map is at most
-            ``peak_margin`` below its highest value (`policies.gates`); with a margin of None it may lie anywhere.
+            ``peak_margin`` below its highest value (`choosing.near_peak`); with a margin of None it may lie anywhere.
         drop_image_map: how often training hides the image-conditioned map.
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).

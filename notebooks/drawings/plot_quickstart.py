@@ -105,7 +105,7 @@ def show_lead(logits: np.ndarray, things: Sequence[tuple[str, float, float]]) ->
 
 
 def _box_beside(row: int, height: int) -> tuple[float, float, float, float]:
-    """The half of a panel of ``height`` rows that does not hold ``row``, for `plots.draw_zoom`."""
+    """The half of a panel of ``height`` rows that does not hold ``row``, for `draw_zoom`."""
     return (0.06, 0.05 if row < height / 2 else 0.52, 0.88, 0.44)
 
 
