@@ -135,15 +135,21 @@ def search(rows: Rows) -> str:
 
 
 def rules(rows: Rows) -> str:
-    """What rules of acting are worth: one policy with and without them, on the tasks on which both were measured."""
+    """What rules of acting are worth: one policy with and without them, on the tasks on which both were measured.
+
+    The last column compares GEM-multi without a rule with CLIPort-multi, which has none of them.
+    """
     lines = []
+    rival = scores(rows, "cliport-multi", 10)
     for policy, rule, *methods in RULES:
         with_rule, without = (scores(rows, method, 10) for method in methods)
         for task in PAPER:
             if task in with_rule and task in without:
                 both = (with_rule[task], without[task])
-                lines.append([policy, rule, task, *map(score_cell, both), lead(*both)])
-    return lines_of(["policy", "rule", "task", "with it", "without it", "difference"], lines)
+                left = "" if methods[1] == "cliport-multi" else lead(without[task], rival.get(task))
+                lines.append([policy, rule, task, *map(score_cell, both), lead(*both), left])
+    titles = ["policy", "rule", "task", "with it", "without it", "difference", "without it - CLIPort-multi"]
+    return lines_of(titles, lines)
 
 
 def two_tables(rows: Rows) -> str:
