@@ -137,18 +137,19 @@ def search(rows: Rows) -> str:
 def rules(rows: Rows) -> str:
     """What rules of acting are worth: one policy with and without them, on the tasks on which both were measured.
 
-    The last column compares GEM-multi without a rule with CLIPort-multi, which has none of them.
+    The last column is GEM's lead when the rule makes no difference between the two: GEM-multi without it minus
+    CLIPort-multi, which has no rule; or GEM-multi minus CLIPort-multi with all three.
     """
     lines = []
-    rival = scores(rows, "cliport-multi", 10)
+    gem, rival = (scores(rows, f"{name}-multi", 10) for name in ("gem", "cliport"))
     for policy, rule, *methods in RULES:
         with_rule, without = (scores(rows, method, 10) for method in methods)
         for task in PAPER:
             if task in with_rule and task in without:
                 both = (with_rule[task], without[task])
-                left = "" if methods[1] == "cliport-multi" else lead(without[task], rival.get(task))
-                lines.append([policy, rule, task, *map(score_cell, both), lead(*both), left])
-    titles = ["policy", "rule", "task", "with it", "without it", "difference", "without it - CLIPort-multi"]
+                compared = (gem.get(task), both[0]) if policy == "CLIPort-multi" else (both[1], rival.get(task))
+                lines.append([policy, rule, task, *map(score_cell, both), lead(*both), lead(*compared)])
+    titles = ["policy", "rule", "task", "with it", "without it", "difference", "GEM's lead then"]
     return lines_of(titles, lines)
 
 
