@@ -62,9 +62,11 @@ class PatchGrid:
 
     def coverage(self) -> tuple[np.ndarray, np.ndarray]:
         """(H, m) and (W, n) float32: 1 where a row (column) of pixels meets a row (column) of patches."""
-        starts_and_pixels = zip(self.starts(), (np.arange(length)[:, None] for length in self.shape), strict=True)
-        rows, cols = ((pixel >= start) & (pixel < start + self.patch) for start, pixel in starts_and_pixels)
-        return rows.astype(np.float32), cols.astype(np.float32)
+        matrices = []
+        for length, start in zip(self.shape, self.starts(), strict=True):
+            pixel = np.arange(length)[:, None]
+            matrices.append(((pixel >= start) & (pixel < start + self.patch)).astype(np.float32))
+        return matrices[0], matrices[1]
 
     def meets(self, pixels: np.ndarray) -> np.ndarray:
         """(m, n) bool: the patches that contain at least one of some ``pixels``, (H, W) bool."""

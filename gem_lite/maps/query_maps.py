@@ -120,8 +120,11 @@ def joined(members: Sequence[QueryMaps]) -> QueryMaps:
 
 def _scaled_maximum(maps: Sequence[np.ndarray]) -> np.ndarray:
     """The maximum (H, W) of maps (H, W), each scaled to the highest peak, unless it is nowhere positive."""
-    highest = float(max(member.max() for member in maps))
-    scaled = [m * np.float32(highest / m.max()) if m.max() > 0 else m for m in maps]
+    peaks = [member.max() for member in maps]
+    highest = float(max(peaks))
+    scaled = [
+        member * np.float32(highest / peak) if peak > 0 else member for member, peak in zip(maps, peaks, strict=True)
+    ]
     return np.maximum.reduce(scaled)
 
 

@@ -60,6 +60,7 @@ OTHER_NOUNS = (
 """Nouns that a thing on a table may have. Give others for a table with other things."""
 
 _STARTS = ("a", "the", "a photo of a", "a picture of the")
+"""Words before a phrase that leave its meaning as it is."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,11 @@ def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> 
 
 def _scores(semantic: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
     """The score of each thing on a map."""
-    best = (np.sort(semantic[mask])[-max(1, round(BEST_SHARE * mask.sum())) :] for mask in masks)
-    return np.array([values.mean() for values in best])
+    scores = []
+    for mask in masks:
+        values = np.sort(semantic[mask])
+        scores.append(values[-max(1, round(BEST_SHARE * len(values))) :].mean())
+    return np.array(scores)
 
 
 def refusal(

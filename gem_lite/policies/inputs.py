@@ -116,7 +116,7 @@ def collate(items: Sequence[Inputs], device: torch.device | str = "cpu") -> Inpu
             return {name: stack([value[name] for value in values]) for name in values[0]}
         return torch.stack(list(values)).to(device)
 
-    return Inputs(**{part.name: stack([getattr(one, part.name) for one in items]) for part in fields(Inputs)})
+    return Inputs(**{part.name: stack([getattr(inputs, part.name) for inputs in items]) for part in fields(Inputs)})
 
 
 def numbered_steps(demos: Sequence[Demonstration]) -> Iterator[tuple[EpisodeKey, DemonstrationStep]]:

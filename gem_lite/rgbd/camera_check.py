@@ -24,6 +24,10 @@ CELL = 0.02
 """Side (m) of the cells in which views are compared."""
 LEVEL = 0.012
 """A point at most this far (m) from z = 0 lies on the table."""
+STANDS = 0.02
+"""A higher point (m) belongs to something that stands on the table."""
+SAME_HEIGHT = 0.015
+"""Two views agree about a cell if their heights differ by less (m)."""
 COVERED = 0.3
 """With right cameras, a view sees the table in at least this share of the workspace's cells."""
 LEVEL_SHARE = 0.6
@@ -137,9 +141,9 @@ def fit(clouds: Sequence[Cloud], workspace: Workspace) -> Fit:
     pairs = {}
     for first, second in itertools.combinations(range(len(heights)), 2):
         one, other = heights[first], heights[second]
-        both = np.isfinite(one) & np.isfinite(other) & (np.maximum(one, other) > 0.02)  # something stands there
+        both = np.isfinite(one) & np.isfinite(other) & (np.maximum(one, other) > STANDS)
         if both.sum() >= COMPARED:
-            pairs[first, second] = float(np.mean(np.abs(one[both] - other[both]) < 0.015))
+            pairs[first, second] = float(np.mean(np.abs(one[both] - other[both]) < SAME_HEIGHT))
     return Fit(tuple(covered), tuple(level), pairs)
 
 

@@ -34,7 +34,13 @@ def _ignore(_: object) -> None:
 
 
 class PlayedTask(Protocol):
-    """What an environment needs of a task. See `gem_lite.tasks.Task`."""
+    """A task as an environment knows it: `gem_lite.tasks.Task`.
+
+    Attributes:
+        workspace: the area of the task's table.
+        effector: the name of the tool, see `effectors`.
+        max_steps: the number of actions after which an episode ends.
+    """
 
     workspace: Workspace
     effector: str
@@ -168,7 +174,11 @@ class Environment(ABC):
             RuntimeError: there is no task yet.
         """
         self.check(action)
-        held = self._push(action, watch) if isinstance(action, Push) else self._pick_and_place(action, watch)
+        held = None
+        if isinstance(action, Push):
+            self._push(action, watch)
+        else:
+            held = self._pick_and_place(action, watch)
         reward, done = self.conclude()
         watch("placed")
         observations = self.observe() if last_look or not done else ()
@@ -218,12 +228,11 @@ class Environment(ABC):
             self.effector.place(self.base @ (table_pose @ action.place))
         return held
 
-    def _push(self, action: Push, watch: Watch) -> int | None:
+    def _push(self, action: Push, watch: Watch) -> None:
         table_pose = self.reach(action.table)
         self.trace.clear()
         self.effector.push(self.base @ (table_pose @ action.start), self.base @ (table_pose @ action.end))
         watch("pushed")
-        return None
 
     def conclude(self) -> tuple[float, bool]:
         """End an action: park the tool, let the bodies settle, score, and let the task go on to its next sentence.

@@ -197,15 +197,18 @@ class Goal:
             raise ValueError(f"the goal {self.sentence!r} is reached: no body is left to move")
         free = self.allowed & ~at_targets.any(axis=0)
         free = np.where(free.any(axis=1, keepdims=True), free, self.allowed)
-        bodies, targets = (
-            np.array([(pose.x, pose.y) for pose in [target_pose(environment, each) for each in group]])
-            for group in (self.bodies, self.targets)
-        )
+        bodies = _positions([environment.pose(body)[0] for body in self.bodies])
+        targets = _positions([target_pose(environment, target) for target in self.targets])
         distances = np.linalg.norm(bodies[:, None] - targets, axis=-1)
         distances = np.where(free, distances, np.inf)[waiting]
         farthest = int(distances.min(axis=1).argmax())
         nearest = int(distances[farthest].argmin())
         return self.bodies[waiting[farthest]], self.targets[nearest]
+
+
+def _positions(poses: list[Pose2]) -> np.ndarray:
+    """(N, 2) metres."""
+    return np.array([(pose.x, pose.y) for pose in poses])
 
 
 def pick_and_place(environment: Environment, goal: Goal) -> ExpertAction:

@@ -58,7 +58,7 @@ class PackingShapes(Task):
 
 
 def piece_symmetry(shape: str) -> float:
-    """The smallest turn (radians) of a piece that changes nothing; 0 if none changes anything."""
+    """The smallest turn (radians) after which a piece looks the same; 0 for a round piece, whose every yaw is right."""
     return 0.0 if shape in ROUND else 2 * math.pi / TURNS.get(shape, 1)
 
 
