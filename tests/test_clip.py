@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+import pickle
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
@@ -48,6 +49,16 @@ def test_text_is_pooled_at_the_end_token(model):
     for row, (ids, pooled) in enumerate(zip(tokens["input_ids"], output.pooler_output, strict=True)):
         end = (ids == pretrain.EOS).nonzero()[0, 0]
         assert torch.allclose(pooled, output.last_hidden_state[row, end])
+
+
+def test_a_copy_of_a_model_that_knows_many_phrases_is_small(model):
+    phrases = [
+        f"{color} {noun} {number}" for color in ("red", "blue") for noun in ("block", "bowl") for number in range(50)
+    ]
+    before = len(pickle.dumps(model))
+    model.embed_texts(phrases)
+    model.embed_known_images(np.random.default_rng(0).integers(0, 256, (200, 8, 8, 3), np.uint8))
+    assert len(pickle.dumps(model)) - before < 400 * (4 * model.dim + 1000), "each is kept with its whole batch"
 
 
 def test_pictures_that_were_embedded_before_are_looked_up(model, monkeypatch):

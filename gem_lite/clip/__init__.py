@@ -122,7 +122,8 @@ class Clip:
             words = {name: tokens[name] for name in ("input_ids", "attention_mask")}
             features = self._model.get_text_features(**words)
             for phrase, feature in zip(new, unit(features), strict=True):
-                known[phrase] = self._texts[phrase] = feature
+                # A copy: as a row of the whole batch it would keep, and pickle, the whole batch.
+                known[phrase] = self._texts[phrase] = feature.clone()
         return torch.stack([known[phrase] for phrase in phrases])
 
     @torch.inference_mode()
@@ -156,7 +157,7 @@ class Clip:
         new = [index for index, key in enumerate(keys) if key not in known]
         if new:
             for index, embedding in zip(new, self.embed_images(images[new]).cpu(), strict=True):
-                known[keys[index]] = self._pictures[keys[index]] = embedding.clone()
+                known[keys[index]] = self._pictures[keys[index]] = embedding.clone()  # as with texts
         for key in list(self._pictures)[: max(0, len(self._pictures) - REMEMBERED)]:
             self._pictures.pop(key, None)
         return torch.stack([known[key] for key in keys])
