@@ -34,9 +34,9 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(mod
 
 def test_zero_shot_on_fresh_renders(model, jobs_here):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
-    crops = crop_files.render_crops(10, seed=77, kind="test")
+    crops = crop_files.render_crops(5, seed=77, kind="test")
     found = card.accuracy(model, crops.select(crops.whole))
-    assert found["crops"] > 250
+    assert found["crops"] > 120
     assert found["color"] >= 98
     assert found["shape"] >= 92  # of 230: chance is 0.4
     assert found["both"] >= 90
@@ -51,9 +51,9 @@ def test_zero_shot_on_fresh_renders(model, jobs_here):
 
 
 def test_pairs_never_shown_are_composed(model, jobs_here):
-    crops = crop_files.render_crops(8, seed=78, kind="held-out")
+    crops = crop_files.render_crops(5, seed=78, kind="held-out")
     held = card._held_out(crops.select(crops.whole))
-    assert len(held) > 100
+    assert len(held) > 60
     assert card.accuracy(model, held)["both"] >= 85
 
 
@@ -137,7 +137,7 @@ def test_a_crop_is_labelled_by_what_fills_its_middle():
 
 def test_scenes_show_what_the_tasks_build():
     shown = set()
-    for index in range(60):
+    for index in range(45):
         client = p.connect(p.DIRECT)
         try:
             scene = scenes.lay_out(client, Workspace(), "training", np.random.default_rng((3, index)))
@@ -199,9 +199,9 @@ def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
 
 
 def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
-    rows = [row for index in range(6) for row in crop_files.render_scene(np.random.default_rng((5, index)), "training")]
+    rows = [row for index in range(4) for row in crop_files.render_scene(np.random.default_rng((5, index)), "training")]
     boxed = [row for row in rows if row[2] >= 0 and bodies.NOUN_NAMES[row[2]] in vocabulary.BOXES]
-    assert len(boxed) > 10 and all(row[1] == -1 for row in boxed)
+    assert len(boxed) > 6 and all(row[1] == -1 for row in boxed)
     # Paper, ink and walls are one body: crops of boxes hold white, black and blue.
     pictures = np.stack([row[0] for row in boxed]).reshape(len(boxed), -1, 3)
     assert ((pictures.min(axis=2) > 180).mean(axis=1) > 0.05).mean() > 0.5
