@@ -1,4 +1,4 @@
-"""The tasks in pictures: the first and the last one of an expert's episode (Fig. A10)."""
+"""The tasks in pictures, the first and the last one of an expert's episode (Fig. A10), and in sentences."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from typing_extensions import override
 
 from gem_lite import tasks
 from gem_lite.evaluation import actors
@@ -54,3 +55,24 @@ def stories(names: Sequence[str]) -> Iterator[ExpertStory]:
     with World() as world:
         for name in names:
             yield play(world, name)
+
+
+class StillWorld(World):
+    """A world in which no time passes. A task draws its sentences before a body moves, so they are the same."""
+
+    @override
+    def wait(self, seconds: float) -> None:
+        """Do nothing."""
+
+    @override
+    def settle(self) -> bool:
+        return True
+
+
+def sentences(task_name: str, episodes: int = 50) -> Iterator[list[str]]:
+    """For each of the first test episodes of a task the sentences of its goals. Nothing is simulated or rendered."""
+    with StillWorld() as world:
+        for index in range(episodes):
+            task = tasks.make(task_name, "test")
+            world.begin(task, tasks.episode_seed("test", index))
+            yield [goal.sentence for goal in task.goals]

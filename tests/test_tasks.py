@@ -469,3 +469,11 @@ def test_the_gallery_shows_a_task_before_and_after(world):
     changed = np.abs(story.first.astype(int) - story.last).max(axis=-1) > 30
     assert 0.0001 < changed.mean() < 0.2  # the blocks moved, the rest of the picture did not
     assert len(plot_benchmark.show_gallery([story, story], columns=2).axes) == 4
+
+
+@pytest.mark.parametrize("name", ["align-rope", "assembling-kits-seq-seen-colors"])
+def test_sentences_are_the_same_where_no_time_passes(blind, name):
+    for index, sentences in enumerate(gallery.sentences(name, episodes=2)):
+        task = tasks.make(name, "test")
+        blind.begin(task, tasks.episode_seed("test", index))
+        assert sentences == [goal.sentence for goal in task.goals]
