@@ -9,6 +9,12 @@ READY := $(VENV)/ready
 READY_FOR_DEMO := $(VENV)/ready-for-demo
 # Python files are compiled when they are first imported: most of them never are.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# uv takes seconds where pip takes minutes. Where it cannot be had, or cannot reach the packages, pip installs them.
+UV := $(if $(PIP_INDEX_URL),UV_DEFAULT_INDEX="$(PIP_INDEX_URL)") $(if $(PIP_FIND_LINKS),UV_FIND_LINKS="$(PIP_FIND_LINKS)") \
+  VIRTUAL_ENV=$(VENV) $(BIN)/uv pip install --quiet
+define INSTALL
+{ $(PIP) --constraint environment.txt uv && $(UV) $(1); } || $(PIP) $(1)
+endef
 # A folder for JUnit files, one a part of the tests: make test JUNIT=reports
 JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
@@ -48,7 +54,7 @@ endef
 $(READY): environment.txt pyproject.toml | check-python
 	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) -r environment.txt || $(NOT_INSTALLED)
+	@$(call INSTALL,-r environment.txt) || $(NOT_INSTALLED)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY) $(READY_FOR_DEMO)
@@ -57,7 +63,7 @@ $(READY_FOR_DEMO): environment.txt pyproject.toml | check-python
 	@echo "Setting up $(VENV) with what the demo uses (a minute or two the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --constraint environment.txt setuptools || $(NOT_INSTALLED)
-	@$(PIP) --constraint environment.txt --no-build-isolation --editable '.[demo]' || $(NOT_INSTALLED)
+	@$(call INSTALL,--constraint environment.txt --no-build-isolation --editable '.[demo]') || $(NOT_INSTALLED)
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY_FOR_DEMO)
 

@@ -146,7 +146,7 @@ def jobs_here(monkeypatch):
     monkeypatch.setattr(workers, "run_jobs", lambda run, jobs, *_, **__: [one for job in jobs for one in run(job)])
 
 
-SHORT_LESSONS = {"00", "01", "03", "04", "09"}
+SHORT_LESSONS = ("00", "01")
 """The lessons that every test run runs twice. A second run of the others takes minutes: ``--all-lessons-twice``."""
 
 
