@@ -78,10 +78,12 @@ lab: $(READY)
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
 # Two files at a time, the longest first: the later lessons, and then the unit tests. One thread each, since two
-# programs on two cores would wait for each other's. A process that dies ends the run. JUNIT: a folder for the report that forges read.
+# programs on two cores would wait for each other's. A process that dies ends the run: pytest-xdist may hang otherwise.
+# JUNIT: a folder for the report that forges read.
 WORKERS ?= 2
 LESSONS := $(shell ls -r notebooks/*.ipynb)
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=loadfile --no-loadscope-reorder --max-worker-restart=0 --nbval-lax
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --nbval-lax --numprocesses=$(WORKERS) --dist=loadfile \
+  --no-loadscope-reorder --max-worker-restart=0
 
 test: lint
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
