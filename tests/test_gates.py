@@ -121,7 +121,7 @@ def test_a_pick_keeps_away_from_empty_picks_and_begins_again_if_they_cover_the_t
     assert np.array_equal(chosen.pick_logits, pick[0]), "the logits are the network's own"
     for other, empty in ((policy, []), (policy_of(empty_radius=0.0), [tried])):
         assert choose(other, monkeypatch, pick, place, empty).pick_cell[1:] == (40, 40)
-    cells, radius = ~untried([tried], SMALL), SMALL.empty_radius / SMALL.pixel
+    cells, radius = ~untried([tried], SMALL, EVERYWHERE), SMALL.empty_radius / SMALL.pixel
     assert cells[40, 40] and int(cells.sum()) == pytest.approx(np.pi * radius**2, rel=0.35)
     rows, cols = np.indices(SHAPE)
     everything = [

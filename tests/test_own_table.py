@@ -249,14 +249,26 @@ def test_pictures_that_were_read_as_bgr_are_found(scene, multi):
     assert -gain > places.SWAP_MARGIN, "as they are, the words fit better: exchanged, they are found"
 
 
+@pytest.mark.parametrize(("scene", "sentences"), SENTENCES.items())
+def test_nothing_is_picked_or_placed_where_no_camera_saw(scene, sentences, multi):
+    views = Observation.load(FOREIGN / scene).views
+    for view in views:
+        for sentence in sentences:
+            choice = multi.decide(Observation((view,)), sentence)
+            assert not choice.heightmap.seen.all()
+            assert choice.heightmap.seen[choice.pick_cell[1:]], (view.camera.name, sentence)
+            assert choice.heightmap.seen[choice.place_cell[1:]], (view.camera.name, sentence)
+
+
 def test_maps_and_picks_find_the_named_things_of_foreign_scenes(multi):
     pointed = picked = 0
     for scene, sentences in SENTENCES.items():
         observation, known = Observation.load(FOREIGN / scene), things(scene)
         embedded = multi.embed(observation.views)
+        seen = embedded.heightmap.seen
         for sentence in sentences:
             phrase = multi.read(sentence).pick
-            best = places.best_places(multi.maps(embedded, phrase).fused, multi.config)[0]
+            best = places.best_places(multi.maps(embedded, phrase).fused, seen, multi.config)[0]
             pointed += math.dist((best.x, best.y), known[phrase]) <= 0.02
             pick = multi.act(observation, sentence).pick
             picked += min(known, key=lambda name: math.dist((pick.x, pick.y), known[name])) == phrase

@@ -41,7 +41,7 @@ def main() -> None:
 
     def all_patches(embed=embed_patches) -> np.ndarray:
         model.to("cpu")  # It forgets the pictures of the last run.
-        return points.project([embed(view.rgb, grid, model).score(words) for view in views])[0]
+        return points.project([embed(view.rgb, grid, model).score(words) for view in views])
 
     def library(forget: bool = True) -> np.ndarray:
         if forget:

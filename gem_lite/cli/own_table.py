@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from gem_lite.policies import gem
 
 SHIPPED = DATA / "gem-multi.safetensors"
+WORTH_SAYING = 0.005
+"""The share of cells that no camera sees is told from here on."""
 BGR = "colours: the words fit much better with red and blue exchanged: the pictures are BGR, and must be RGB"
 
 Folder = Annotated[Path, Parameter(help="folder with cameras.json and its pictures")]
@@ -105,7 +107,9 @@ def look(
     maps = {phrase: gem.maps(scene, phrase) for phrase in phrases}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in phrases for name in ("text", "image")}
     fused = {phrase: maps[phrase].fused for phrase in phrases}
-    best = {phrase: places.best_places(semantic, gem.config) for phrase, semantic in fused.items()}
+    best = {
+        phrase: places.best_places(semantic, scene.heightmap.seen, gem.config) for phrase, semantic in fused.items()
+    }
     refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
     shown = action if isinstance(action, PickPlace) else None
     figures = {
@@ -121,6 +125,9 @@ def look(
     }
     file = draw(figures, out, folder) / "look.json"
     write_atomically(file, json.dumps(content, indent=1).encode())
+    unseen_share = 1 - seen.mean()
+    if unseen_share >= WORTH_SAYING:
+        print(f"no camera sees {100 * unseen_share:.0f} % of the table: nothing is picked or placed there")
     for reason in filter(None, refusals.values()):
         print(reason)
     for phrase, of_phrase in best.items():

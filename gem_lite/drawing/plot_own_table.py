@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gem_lite.actions import PickPlace
-from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_from_above, draw_gripper
 from gem_lite.maps.places import Place
 from gem_lite.rgbd.heightmap import HeightMap
 
@@ -17,7 +17,7 @@ from gem_lite.rgbd.heightmap import HeightMap
 def show_table_from_above(heightmap: HeightMap) -> Figure:
     """The fused picture, its heights in millimetres, and the cells that no camera saw."""
     fig, axes = plt.subplots(1, 3, figsize=(8.4, 5.2), layout="constrained")
-    bare(axes[0], "from above").imshow(heightmap.rgb)
+    draw_from_above(bare(axes[0], "from above"), heightmap)
     image = bare(axes[1], "height").imshow(1000 * heightmap.height, cmap="viridis", vmin=0)
     fig.colorbar(image, ax=axes[1], label="mm", shrink=0.8)
     bare(axes[2], "seen (white)").imshow(heightmap.seen, cmap="gray", vmin=0, vmax=1)
@@ -36,7 +36,7 @@ def show_look(
     """
     workspace = heightmap.workspace
     fig, axes = plt.subplots(1, 1 + len(maps), figsize=(2.9 * (1 + len(maps)) + 0.8, 5.2), layout="constrained")
-    bare(axes[0], "from above").imshow(heightmap.rgb)
+    draw_from_above(bare(axes[0], "from above"), heightmap)
     for ax, (phrase, semantic) in zip(axes[1:], maps.items(), strict=True):
         image = bare(ax, f'"{phrase}"').imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
         for number, place in enumerate(places[phrase], 1):

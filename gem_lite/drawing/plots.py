@@ -36,6 +36,13 @@ def bare(ax: Axes, title: str = "") -> Axes:
     return ax
 
 
+def draw_from_above(ax: Axes, heightmap: HeightMap) -> None:
+    """The colours of a height map. The cells that no camera saw are hatched: their colours are not measured."""
+    ax.imshow(heightmap.rgb)
+    if not heightmap.seen.all():
+        ax.contourf(~heightmap.seen, levels=[0.5, 1.5], colors="none", hatches=["xxxx"])
+
+
 def draw_gripper(ax: Axes, pose: Pose2, workspace: Workspace, color: str, label: str = "") -> None:
     """A gripper from above: a cross at its pixel, the long arm along its yaw, and a mark at that arm's end.
 
@@ -56,7 +63,7 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
     w = heightmap.workspace
     rows, cols = w.shape
     fig, axes = plt.subplots(1, 2, figsize=(6.4, 5.6), layout="constrained")
-    axes[0].imshow(heightmap.rgb)
+    draw_from_above(axes[0], heightmap)
     height_image = axes[1].imshow(1000 * heightmap.height, cmap="viridis")
     fig.colorbar(height_image, ax=axes[1], label="height (mm)", shrink=0.8)
     for ax, name in zip(axes, ("colour", "height"), strict=True):

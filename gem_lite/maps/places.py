@@ -25,16 +25,17 @@ class Place:
     score: float
 
 
-def best_places(semantic: np.ndarray, config: PatchConfig, count: int = 5) -> list[Place]:
-    """The centres of a map's highest plateaus, the highest first.
+def best_places(semantic: np.ndarray, seen: np.ndarray, config: PatchConfig, count: int = 5) -> list[Place]:
+    """The centres of a map's highest plateaus in cells that a camera saw, the highest first.
 
     After each, the cells within half a patch of it or of its highest cell are left out.
 
     Args:
         semantic: (H, W), of ``config``'s resolution.
+        seen: (H, W) bool, of the same height map.
         count: of places at most. There are fewer if no other cell is above 0.
     """
-    left = semantic.astype(np.float32).copy()
+    left = np.where(seen, semantic, 0).astype(np.float32)
     rows, cols = np.indices(left.shape)
     reach = config.top_patch / 2 / config.pixel
     places: list[Place] = []

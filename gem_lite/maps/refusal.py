@@ -137,20 +137,23 @@ def _color(words: Sequence[str]) -> list[str]:
 def things(scene: SceneEmbedding) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The things on a table, each as an (H, W) bool mask: those that rise above it, and those that do not.
 
-    The first are the connected regions of cells that are higher than the table. The table is most of the map, so its
-    level is the median height, and its noise follows from the median deviation. The second are the regions of another
-    colour than the table's median one, such as painted lines and thin boards. The holes of flat things belong to them.
-    A shadow and the inside of a bowl are no flat things.
+    Only cells that a camera saw count. The first are the connected regions of cells that are higher than the table: its
+    level is the median of the heights near z = 0, however full it is, and its noise follows from the median deviation.
+    The second are the regions of another colour than the table's median one, such as painted lines and thin boards. The
+    holes of flat things belong to them. A shadow and the inside of a bowl are no flat things.
     """
-    height = scene.heightmap.height
-    level = np.median(height)
-    noise = 1.4826 * np.median(np.abs(height - level))  # the standard deviation, if the noise is normal
-    rises = height > level + max(RISES, NOISE * noise)
+    height, seen = scene.heightmap.height, scene.heightmap.seen
+    low = scene.heightmap.near_table
+    if not low.any():
+        low = seen
+    level = np.median(height[low])
+    noise = 1.4826 * np.median(np.abs(height[low] - level))  # the standard deviation, if the noise is normal
+    rises = seen & (height > level + max(RISES, NOISE * noise))
     rgb = scene.heightmap.rgb.astype(np.float32)
-    table = np.maximum(np.median(rgb, axis=(0, 1)), 1)
+    table = np.maximum(np.median(rgb[low], axis=0), 1)
     light = np.minimum((rgb @ table) / (table @ table), 1)  # below 1 in a shadow, which has the table's colour
     difference = np.abs(rgb - light[..., None] * table).max(axis=-1)
-    differs = difference > max(DIFFERS, NOISE * 1.4826 * float(np.median(difference)))
+    differs = seen & (difference > max(DIFFERS, NOISE * 1.4826 * float(np.median(difference[low]))))
     standing = ndimage.binary_dilation(ndimage.binary_fill_holes(rises), iterations=BESIDE)
     flat = ndimage.binary_fill_holes(differs | rises) & ~standing
     return _regions(rises), _regions(flat)

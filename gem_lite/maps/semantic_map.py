@@ -46,13 +46,14 @@ class SceneEmbedding:
 
     def fuse(self, labels: Sequence[np.ndarray]) -> np.ndarray:
         """Labels of each view's pixels, (H_n, W_n), fused from above by point cloud: (H, W) float32."""
-        return self.points.project(labels)[0]
+        return self.points.project(labels)
 
     @cached_property
     def spread(self) -> sparse.csr_array:
         """P⁻¹ of Eq. 1 and the fusion from above as one matrix: (H * W, number of all views' patches) float32.
 
-        It depends on no query, so that a map costs only its product with the patches' scores.
+        It depends on no query, so that a map costs only its product with the patches' scores. The rows of cells that no
+        camera saw are empty.
         """
         pixels, values = zip(*(patches.blocks(side.grid) for side in self.sides), strict=True)
         starts = np.cumsum([0, *(value.shape[0] for value in values)])
@@ -62,7 +63,7 @@ class SceneEmbedding:
     def cosine(self, embedding: torch.Tensor) -> np.ndarray:
         """The cosines of the views' patches with one embedding (D,), fused from above: (H, W) float32."""
         scores = torch.cat([(side.values @ embedding.to(side.values)).flatten() for side in self.sides])
-        return (self.spread @ scores.numpy()).reshape(self.heightmap.height.shape)
+        return self.points.filled((self.spread @ scores.numpy()).reshape(self.heightmap.height.shape))
 
 
 def embed_views(

@@ -341,25 +341,25 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
     ) -> TablesChoice:  # fmt: skip
         """The best pick over all tables, then the best place for it.
 
-        A pick keeps away from empty picks, as long as that leaves a cell. Pick and place keep to their ``gates``. No
-        act ends where it begins: a push ends in another cell, a pick and place in another cell or turned. A push stays
-        on its table.
+        Both lie in cells that a camera saw. A pick keeps away from empty picks, as long as that leaves a cell. Pick and
+        place keep to their ``gates``. No act ends where it begins: a push ends in another cell, a pick and place in
+        another cell or turned. A push stays on its table.
         """
         dtype = next(self.parameters()).dtype
         if dtype != torch.float32:
             raise ValueError(f"a policy computes in float32, got {dtype}: call its float() first")
         inputs = collate(tables, self.device)
-        everywhere = torch.ones((len(tables), *self.config.workspace.shape), dtype=torch.bool)
+        seen = torch.from_numpy(np.stack([heightmap.seen for heightmap in heightmaps]))
         training = self.training
         self.eval()  # Afterwards in the mode of before: a policy may act between two training steps.
         try:
             pick_logits = self.score_picks(inputs).cpu()
-            pickable = gated(gates, "pick", everywhere & untried(empty_picks, self.config))
+            pickable = gated(gates, "pick", untried(empty_picks, self.config, seen))
             pick_table, pick_cell = best_cell(pick_logits, pickable[:, None])
             place_logits = self.score_places(inputs, pick_table, pick_cell[1:]).cpu()
         finally:
             self.train(training)
-        placeable = gated(gates, "place", everywhere)[:, None].repeat(1, place_logits.shape[1], 1, 1)
+        placeable = gated(gates, "place", seen)[:, None].repeat(1, place_logits.shape[1], 1, 1)
         placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
         if queries.push:  # A blade does not leave its table.
             placeable[torch.arange(len(tables)) != pick_table] = False

@@ -133,10 +133,10 @@ def within(cells: np.ndarray, distance: float) -> np.ndarray:
     return ndimage.distance_transform_edt(~cells) <= distance + 1e-6
 
 
-def untried(empty_picks: Sequence[Pose2], config: Config) -> torch.Tensor:
-    """(H, W) bool: cells whose centre is at least ``config.empty_radius`` from each of ``empty_picks``.
+def untried(empty_picks: Sequence[Pose2], config: Config, allowed: torch.Tensor) -> torch.Tensor:
+    """The ``allowed`` cells (..., H, W) whose centre is at least ``config.empty_radius`` from each of ``empty_picks``.
 
-    All cells, if there is no such cell: then everything was tried, and the policy begins again.
+    All allowed cells, if there is no such cell: then everything was tried, and the policy begins again.
     """
     workspace = config.workspace
     rows, cols = np.indices(workspace.shape)
@@ -144,7 +144,8 @@ def untried(empty_picks: Sequence[Pose2], config: Config) -> torch.Tensor:
     far = np.ones(workspace.shape, bool)
     for pose in empty_picks:
         far &= np.hypot(x - pose.x, y - pose.y) >= config.empty_radius
-    return torch.from_numpy(far if far.any() else np.ones_like(far))
+    left = allowed & torch.from_numpy(far)
+    return left if left.any() else allowed
 
 
 def gated(gates: Sequence[Mapping[str, Gate]], role: str, allowed: torch.Tensor) -> torch.Tensor:

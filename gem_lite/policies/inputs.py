@@ -26,8 +26,6 @@ TABLE_GRAY = 0.2
 """About the bare table's colour, in [0, 1]. It is subtracted from a network's colours."""
 TABLE_LEVEL = 49
 """The bare table's gray level, in [0, 255], in the light in which demonstrations are collected."""
-TABLE_ERROR = 0.02
-"""The bare table is seen at most this far (m) from z = 0: poses of cameras are some millimetres off."""
 BARE_HEIGHT = 0.005
 """A cell of the height map that is at most this much (m) above the table shows the bare table."""
 RGBD = 4
@@ -41,10 +39,10 @@ def exposure(heightmap: HeightMap) -> float:
     the table shows how bright the lamp is, like a photographer's gray card. It lies where it is seen: at the median of
     the heights near z = 0.
     """
-    low = heightmap.height[np.abs(heightmap.height) <= TABLE_ERROR]
-    if not len(low):
+    low = heightmap.near_table
+    if not low.any():
         return 1.0
-    bare = heightmap.rgb[heightmap.height < np.median(low) + BARE_HEIGHT]
+    bare = heightmap.rgb[heightmap.seen & (heightmap.height < np.median(heightmap.height[low]) + BARE_HEIGHT)]
     return TABLE_LEVEL / max(float(np.median(bare)), 1.0)
 
 

@@ -13,6 +13,10 @@ from gem_lite.se2 import Workspace
 
 LOWEST = -0.02
 """Lower points (metres) are no part of the table."""
+TABLE_ERROR = 0.02
+"""The bare table is seen at most this far (metres) from z = 0: poses of cameras are some millimetres off."""
+FILLED = 0.0125
+"""A cell that no camera saw copies the nearest seen one if that is at most this far (metres), from centre to centre."""
 SAME_SURFACE = 0.008
 """A point belongs to the top surface of its cell if it is at most this far (metres) below the cell's highest point."""
 
@@ -21,8 +25,9 @@ SAME_SURFACE = 0.008
 class HeightMap:
     """The table from above: ``rgb`` (H, W, 3) uint8, ``height`` (H, W) float32 metres.
 
-    Row 0 lies at ``workspace.y_max``; see `gem_lite.se2` for the conventions. ``seen`` (H, W) bool
-    marks the cells that a camera measured; the other cells copy their nearest neighbour.
+    Row 0 lies at ``workspace.y_max``; see `gem_lite.se2` for the conventions. ``seen`` (H, W) bool marks the cells that
+    a camera measured. The others hold values for the networks' sake (`SortedPoints.filled`): no policy picks or places
+    there.
     """
 
     workspace: Workspace
@@ -36,6 +41,13 @@ class HeightMap:
             raise ValueError(f"rgb must be uint8 {(*shape, 3)}, got {self.rgb.dtype} {self.rgb.shape}")
         if self.height.shape != shape or self.height.dtype != np.float32:
             raise ValueError(f"height must be float32 {shape}, got {self.height.dtype} {self.height.shape}")
+        if self.seen.shape != shape or self.seen.dtype != bool:
+            raise ValueError(f"seen must be bool {shape}, got {self.seen.dtype} {self.seen.shape}")
+
+    @property
+    def near_table(self) -> np.ndarray:
+        """(H, W) bool: the seen cells at most `TABLE_ERROR` from z = 0, where the table is."""
+        return self.seen & (np.abs(self.height) <= TABLE_ERROR)
 
 
 @dataclass(frozen=True)
@@ -47,6 +59,7 @@ class SortedPoints:
         kept: for each view n (H_n, W_n) bool: which of its pixels show a point inside the workspace.
         cell: (P,) the flat index of the cell of each such point.
         on_top: (P,) bool: whether the point lies on the top surface of its cell.
+        seen: (H, W) bool: the cells with a point.
         height: (H, W) float32, the height map in metres.
     """
 
@@ -54,17 +67,21 @@ class SortedPoints:
     kept: tuple[np.ndarray, ...]
     cell: np.ndarray
     on_top: np.ndarray
+    seen: np.ndarray
     height: np.ndarray
 
-    def project(self, labels: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def filled(self, image: np.ndarray) -> np.ndarray:
+        """A map (H, W) or (H, W, C) with values in the cells that no camera saw, see `fill`."""
+        return fill(image, self.seen, self.workspace)
+
+    def project(self, labels: Sequence[np.ndarray]) -> np.ndarray:
         """Average per-pixel labels of the views over each cell's top surface.
 
         Args:
             labels: for each view (H_n, W_n) or (H_n, W_n, C).
 
         Returns:
-            The label map (H, W) or (H, W, C) float32 and ``seen`` (H, W) bool. Unseen cells copy
-            their nearest seen neighbour.
+            The label map (H, W) or (H, W, C) float32, `filled`.
         """
         values = np.concatenate([label[kept] for label, kept in zip(labels, self.kept, strict=True)])[self.on_top]
         cells = self.cell[self.on_top]
@@ -73,36 +90,41 @@ class SortedPoints:
         columns = values.reshape(len(values), -1).T
         total = np.stack([np.bincount(cells, weights=column, minlength=size) for column in columns], axis=-1)
         mean = (total / np.maximum(count, 1)[:, None]).reshape(*self.workspace.shape, *values.shape[1:])
-        seen = (count > 0).reshape(self.workspace.shape)
-        return _fill(mean.astype(np.float32), seen), seen
+        return self.filled(mean.astype(np.float32))
 
     def shares(self, groups: Sequence[np.ndarray], count: int) -> sparse.csr_array:
         """The share of groups of pixels in each cell's average. Built once, it replaces `project` for many labels.
 
-        If all pixels of a group have the same label, ``shares @ labels`` is the flat map that `project` returns.
+        If all pixels of a group have the same label, ``shares @ labels`` is the flat map that `project` fills.
 
         Args:
             groups: for each view (H_n, W_n) int, the group of each pixel.
             count: the number of all groups.
 
         Returns:
-            (H * W, count) float32. Unseen cells copy their nearest seen neighbour.
+            (H * W, count) float32. The rows of unseen cells are empty.
         """
         group = np.concatenate([group[kept] for group, kept in zip(groups, self.kept, strict=True)])[self.on_top]
         cells = self.cell[self.on_top]
         size = int(np.prod(self.workspace.shape))
         points = np.bincount(cells, minlength=size)
         weights = (1 / np.maximum(points, 1)).astype(np.float32)[cells]
-        matrix = sparse.csr_array((weights, (cells, group)), shape=(size, count))  # It adds equal entries.
-        nearest = _fill(np.arange(size).reshape(self.workspace.shape), (points > 0).reshape(self.workspace.shape))
-        return matrix if (points > 0).all() else matrix[nearest.ravel()]
+        return sparse.csr_array((weights, (cells, group)), shape=(size, count))  # It adds equal entries.
 
 
-def _fill(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def fill(image: np.ndarray, seen: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """Values for the cells of a map (H, W) or (H, W, C) that no camera saw, which a convolution reads like all others.
+
+    A hole between seen cells copies the nearest one, up to `FILLED` from it. Beyond, nothing is known: there is the
+    bare table, which is what most seen cells show, so their median. What stands on the table does not grow into the
+    unseen.
+    """
     if seen.all() or not seen.any():
         return image
-    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
-    return image[tuple(nearest)]
+    cells, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
+    filled = image[tuple(nearest)]
+    filled[cells * workspace.pixel > FILLED + 1e-9] = np.median(image[seen], axis=0)
+    return filled
 
 
 def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
@@ -128,9 +150,9 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     cell = workspace.cells(x, y)
     top = np.full(np.prod(workspace.shape), -np.inf, np.float32)
     np.maximum.at(top, cell, z)
-    height = np.maximum(top, 0).reshape(workspace.shape)  # 0 in cells without a point, until they are filled
-    height = _fill(height, np.isfinite(top).reshape(workspace.shape))
-    return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, height)
+    seen = np.isfinite(top).reshape(workspace.shape)
+    height = fill(np.where(seen, np.maximum(top.reshape(workspace.shape), 0), np.float32(0)), seen, workspace)
+    return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, seen, height)
 
 
 def _where_points_lie(views: Sequence[View]) -> str:
@@ -153,5 +175,5 @@ def fuse_views(views: Sequence[View], workspace: Workspace, points: SortedPoints
     """
     if points is None:
         points = sort_points(views, workspace)
-    rgb, seen = points.project([view.rgb for view in views])
-    return HeightMap(workspace, np.round(rgb).astype(np.uint8), points.height, seen)
+    rgb = points.project([view.rgb for view in views])
+    return HeightMap(workspace, np.round(rgb).astype(np.uint8), points.height, points.seen)
