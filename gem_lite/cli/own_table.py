@@ -107,9 +107,8 @@ def look(
     maps = {phrase: gem.maps(scene, phrase) for phrase in phrases}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in phrases for name in ("text", "image")}
     fused = {phrase: maps[phrase].fused for phrase in phrases}
-    best = {
-        phrase: places.best_places(semantic, scene.heightmap.seen, gem.config) for phrase, semantic in fused.items()
-    }
+    seen = scene.heightmap.seen
+    best = {phrase: places.best_places(semantic, seen, gem.config) for phrase, semantic in fused.items()}
     refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
     shown = action if isinstance(action, PickPlace) else None
     figures = {
