@@ -16,12 +16,16 @@ from gem_lite.policies.choosing import Gate, gated, near_peak, untried
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import Inputs
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
 D = 16
 SHAPE = SMALL.workspace.shape
 EVERYWHERE = torch.ones(SHAPE, dtype=torch.bool)
 FLAT = torch.zeros(SHAPE)
+FROM_ABOVE = HeightMap(
+    SMALL.workspace, np.zeros((*SHAPE, 3), np.uint8), np.zeros(SHAPE, np.float32), np.ones(SHAPE, bool)
+)
 
 
 def policy_of(name="gem", **values):
@@ -41,7 +45,7 @@ def choose(policy, monkeypatch, pick, place, empty_picks=(), push=False, gates=N
     monkeypatch.setattr(policy, "score_picks", lambda inputs: pick)
     monkeypatch.setattr(policy, "score_places", lambda inputs, table, pixel: place)
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
-    return policy.choose("", Queries("block", "square", push=push), None, inputs, empty_picks, gates or {})
+    return policy.choose("", Queries("block", "square", push=push), FROM_ABOVE, inputs, empty_picks, gates or {})
 
 
 def spots(*cells):
@@ -148,7 +152,7 @@ def test_acting_leaves_the_mode_as_it_was(training):
     semantic = torch.rand(1, *SHAPE)
     words = {"pick": torch.randn(policy.language_dim), "place": torch.randn(policy.language_dim)}
     inputs = Inputs(rgbd=torch.rand(4, *SHAPE), maps={"pick": semantic, "place": semantic}, words=words)
-    policy.choose("", Queries("block", "square"), None, inputs)
+    policy.choose("", Queries("block", "square"), FROM_ABOVE, inputs)
     assert {module.training for module in policy.modules()} == {training}
 
 
@@ -157,7 +161,7 @@ def test_another_precision_is_refused_in_one_sentence(dtype):
     policy = policy_of("gem").to(dtype)
     inputs = Inputs(rgbd=torch.zeros(4, *SHAPE))
     with pytest.raises(ValueError, match=r"computes in float32, got torch.float(16|64): call its float"):
-        policy.choose("", Queries("block", "square"), None, inputs)
+        policy.choose("", Queries("block", "square"), FROM_ABOVE, inputs)
 
 
 def test_names_of_rules_alone_share_their_training():

@@ -92,6 +92,27 @@ def test_three_views_see_more_than_any_one_in_any_order(scene, fused):
     assert np.array_equal(other.height, fused.height) and np.array_equal(other.seen, fused.seen)
 
 
+def test_noise_does_not_lift_the_table_and_single_points_make_no_spikes(scene, fused):
+    rng = np.random.default_rng(0)
+    noisy, spiked = [], []
+    for view in scene[1]:
+        noise = rng.normal(0, 0.003, view.depth.shape).astype(np.float32)
+        noisy.append(dataclasses.replace(view, depth=view.depth + noise))
+        nearer = np.where(rng.random(view.depth.shape) < 0.002, np.float32(0.06), np.float32(0))
+        spiked.append(dataclasses.replace(view, depth=view.depth - nearer))
+    table = fused.seen & (fused.height < 0.001)
+    highest = np.full(WORKSPACE.shape, -np.inf)
+    for view in noisy:
+        x, y, z = view.points()[WORKSPACE.contains(*np.moveaxis(view.points(), -1, 0)[:2])].T
+        np.maximum.at(highest.ravel(), WORKSPACE.cells(x, y), z)
+    lifted = fuse_views(noisy, WORKSPACE).height
+    assert np.median(highest[table]) > 0.004 and np.median(lifted[table]) < 0.001
+    spikes = [
+        np.mean(abs(fuse_views(views, WORKSPACE).height - fused.height)[table] > 0.01) for views in (spiked, spiked[:1])
+    ]
+    assert spikes[0] < 0.001 and spikes[1] < 0.002
+
+
 def test_labels_land_where_the_block_is(scene):
     pose, views, masks = scene
     labels = sort_points(views, WORKSPACE).project([mask.astype(np.float32) for mask in masks])

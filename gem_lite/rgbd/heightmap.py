@@ -18,7 +18,9 @@ TABLE_ERROR = 0.02
 FILLED = 0.0125
 """A cell that no camera saw copies the nearest seen one if that is at most this far (metres), from centre to centre."""
 SAME_SURFACE = 0.008
-"""A point belongs to the top surface of its cell if it is at most this far (metres) below the cell's highest point."""
+"""A point belongs to a surface if it is at most this far (metres) above or below it."""
+SUPPORT = 0.1
+"""A surface holds at least this share of its cell's points, and two of them if there are four."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +88,9 @@ class SortedPoints:
         values = np.concatenate([label[kept] for label, kept in zip(labels, self.kept, strict=True)])[self.on_top]
         cells = self.cell[self.on_top]
         size = np.prod(self.workspace.shape)
-        count = np.bincount(cells, minlength=size)
         columns = values.reshape(len(values), -1).T
-        total = np.stack([np.bincount(cells, weights=column, minlength=size) for column in columns], axis=-1)
-        mean = (total / np.maximum(count, 1)[:, None]).reshape(*self.workspace.shape, *values.shape[1:])
-        return self.filled(mean.astype(np.float32))
+        mean = np.stack([_means(cells, column, size) for column in columns], axis=-1).astype(np.float32)
+        return self.filled(mean.reshape(*self.workspace.shape, *values.shape[1:]))
 
     def shares(self, groups: Sequence[np.ndarray], count: int) -> sparse.csr_array:
         """The share of groups of pixels in each cell's average. Built once, it replaces `project` for many labels.
@@ -148,11 +148,42 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     if not len(z):
         raise ValueError(f"no camera sees a point inside the workspace: {_where_points_lie(views)}")
     cell = workspace.cells(x, y)
-    top = np.full(np.prod(workspace.shape), -np.inf, np.float32)
-    np.maximum.at(top, cell, z)
-    seen = np.isfinite(top).reshape(workspace.shape)
-    height = fill(np.where(seen, np.maximum(top.reshape(workspace.shape), 0), np.float32(0)), seen, workspace)
-    return SortedPoints(workspace, tuple(kept), cell, z > top[cell] - SAME_SURFACE, seen, height)
+    size = int(np.prod(workspace.shape))
+    on_top = _on_top(cell, z, size)
+    level = _means(cell[on_top], z[on_top], size)
+    seen = (np.bincount(cell, minlength=size) > 0).reshape(workspace.shape)
+    height = np.maximum(level, 0).reshape(workspace.shape).astype(np.float32)
+    return SortedPoints(workspace, tuple(kept), cell, on_top, seen, fill(height, seen, workspace))
+
+
+def _on_top(cell: np.ndarray, z: np.ndarray, size: int) -> np.ndarray:
+    """(P,) bool: the points of each cell's highest surface.
+
+    The highest point alone is no surface: noise would lift the whole table, and a pixel between two surfaces would make
+    a spike. What too few points support (`SUPPORT`) is passed over. Then the surface is where the mean of its points is.
+    """
+    points = np.bincount(cell, minlength=size)
+    needed = np.maximum(SUPPORT * points, np.where(points < 4, 1, 2))
+    left = np.ones(len(z), bool)
+    highest_surface = None
+    while True:
+        top = np.full(size, -np.inf, np.float32)
+        np.maximum.at(top, cell[left], z[left])
+        surface = left & (z >= top[cell] - SAME_SURFACE)
+        count = np.bincount(cell[surface], minlength=size)
+        if highest_surface is None:
+            highest_surface = surface
+        unsupported = surface & (count < needed)[cell]
+        if not unsupported.any():
+            break
+        left &= ~unsupported
+    surface |= highest_surface & (count == 0)[cell]  # Where nothing is supported, the highest is the best guess.
+    return np.abs(z - _means(cell[surface], z[surface], size)[cell]) <= SAME_SURFACE
+
+
+def _means(cell: np.ndarray, values: np.ndarray, size: int) -> np.ndarray:
+    """(size,) the mean of the values (P,) in each cell; 0 where there are none."""
+    return np.bincount(cell, values, size) / np.maximum(np.bincount(cell, minlength=size), 1)
 
 
 def _where_points_lie(views: Sequence[View]) -> str:
