@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-import sensor_errors
-from sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
 
+from gem_lite.rgbd import sensor_errors
 from gem_lite.rgbd.camera import Camera, View, camera_looking_at
 from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
 
 SIZE = (480, 640)
 CAMERA = Camera.pinhole("wall", (0, 0, 0), (0, 0, 0, 1), SIZE)

@@ -1,6 +1,6 @@
 """How often a policy succeeds when its cameras err: one row for each kind and size of error.
 
-Kinds and sizes are those of notebooks/sensor_errors.py. Only what the policy sees is corrupted: its actions are
+Kinds and sizes are those of gem_lite/rgbd/sensor_errors.py. Only what the policy sees is corrupted: its actions are
 carried out in the true world. Every cell plays the same episodes, and episode i draws its errors from the same random
 numbers in every cell, so that a larger error is a multiple of a smaller one and cells can be compared in pairs. Cells
 that the file holds already are skipped: after a kill, the same command goes on. In a row, ``subset`` names the cell,
@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
@@ -24,6 +23,7 @@ from gem_lite.evaluation.rollout import Actor, Chosen, Observations
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd import levelling
+from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SHARES, SensorErrors, Unit, corrupt, draw_units
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment

@@ -3,12 +3,12 @@
 import math
 
 import torch
-from sensor_errors import HARD, KINDS, SensorErrors
 
 from experiments.sensor_noise.__main__ import APP
 from experiments.sensor_noise.curves import only
 from gem_lite.cli import base
 from gem_lite.evaluation import results
+from gem_lite.rgbd.sensor_errors import HARD, KINDS, SensorErrors
 
 
 def test_one_kind_alone_at_a_multiple_of_its_size():
