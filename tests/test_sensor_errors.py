@@ -9,11 +9,25 @@ import pytest
 from gem_lite.rgbd import sensor_errors
 from gem_lite.rgbd.camera import Camera, View, camera_looking_at
 from gem_lite.rgbd.observation import Observation
-from gem_lite.rgbd.sensor_errors import HARD, KINDS, NOMINAL, SensorErrors, corrupt, draw_units
+from gem_lite.rgbd.sensor_errors import (
+    AZURE,
+    AZURE_HARD,
+    D455,
+    HARD,
+    KINDS,
+    NOMINAL,
+    TIME_OF_FLIGHT,
+    SensorErrors,
+    corrupt,
+    draw_different_units,
+    draw_units,
+)
+from gem_lite.simulation.rendering import AZURE_AND_D455
 
 SIZE = (480, 640)
 CAMERA = Camera.pinhole("wall", (0, 0, 0), (0, 0, 0, 1), SIZE)
 LAW = CAMERA.focal * NOMINAL.baseline  # pixels times metres
+TOP, LEFT, RIGHT = AZURE_AND_D455
 DISPARITY = ("disparity_noise", "static_warp", "unit_bias")
 
 
@@ -32,9 +46,9 @@ def depth_of(seen, errors, seed=0):
     return view.depth
 
 
-def wall(z, errors, seed=0, frames=1):
+def wall(z, errors, seed=0, frames=1, camera=CAMERA):
     """The depth of a flat wall, mean over frames of one unit."""
-    seen = observed(z)
+    seen = observed(z, camera)
     units = draw_units(seen, errors, np.random.default_rng(seed))
     rng = np.random.default_rng(seed + 1)
     return np.mean([corrupt(seen, units, rng).views[0].depth for _ in range(frames)], axis=0, dtype=float)
@@ -59,6 +73,57 @@ def test_a_flat_wall_is_as_rough_as_the_stereo_law_says(z):
     law = z**2 * NOMINAL.disparity_noise / LAW
     rms = np.sqrt(np.mean([plane_rms(wall(z, errors, seed)) ** 2 for seed in range(4)]))
     assert law / 2 < rms < 2 * law
+
+
+@pytest.mark.parametrize(
+    ("errors", "camera", "rough"),
+    [(NOMINAL, LEFT, (0.94, 3.8, 8.5)), (D455, LEFT, (0.5, 2.0, 4.5)), (AZURE, TOP, (0.5, 1.0, 1.5))],
+    ids=("D435", "D455", "Azure"),
+)
+def test_a_flat_wall_is_as_rough_as_sources_say_of_each_camera(errors, camera, rough):
+    # The sources' numbers (mm) at 0.5, 1 and 1.5 m. Those of time of flight are changes in time, without the warp.
+    sizes = with_fields(*DISPARITY, *TIME_OF_FLIGHT, "disparity_step", "depth_step", of=errors)
+    sizes = dataclasses.replace(sizes, baseline=errors.baseline, depth_warp=0.0)
+    for z, wanted in zip((0.5, 1.0, 1.5), rough, strict=True):
+        squares = [plane_rms(wall(z, sizes, seed, camera=camera)) ** 2 for seed in range(3)]
+        assert wanted / 2 < 1000 * np.sqrt(np.mean(squares)) < 2 * wanted
+
+
+def test_averaging_frames_of_time_of_flight_leaves_the_warp_and_the_bias():
+    mean = wall(1.0, AZURE, frames=30, camera=TOP)
+    (unit,) = draw_units(observed(1.0, TOP), AZURE, np.random.default_rng(0))
+    assert np.std(mean - 1.0 - unit.depth_offset) < 0.0003
+    units = [draw_units(observed(1.0, TOP), AZURE, np.random.default_rng(seed))[0] for seed in range(60)]
+    offset = math.hypot(AZURE.depth_bias, AZURE.depth_warp)
+    assert np.sqrt(np.mean([np.square(unit.depth_offset) for unit in units])) == pytest.approx(offset, rel=0.2)
+
+
+def test_time_of_flight_has_a_ring_round_things_and_no_shadow_and_is_blind_for_dark_things():
+    depth = np.full(TOP.size, 0.9)
+    depth[100:300, 200:400] = 0.8
+    for errors, widths in ((AZURE, (1, 2)), (AZURE_HARD, (2, 3))):
+        sizes = with_fields("fattening", "least_fattening", "mixed", "invalid", "blind_below", of=errors)
+        found = depth_of(observed(depth, TOP), sizes)
+        for row in range(120, 280, 16):
+            left, right = (abs(found[row] - depth[row]) > 1e-5)[:200].sum(), (found[row, 400:] != found[row, 500]).sum()
+            assert {left, right} <= set(range(widths[1] + 1)) and left + right > 0
+        changed = found[abs(found - depth) > 1e-5]
+        assert (changed == 0).mean() == pytest.approx(0.5, abs=0.1)
+        assert ((changed == 0) | ((changed > 0.8) & (changed < 0.9))).all()
+        assert np.array_equal(found[105:295, 205:395], depth[105:295, 205:395].astype(np.float32))
+        for gray in (errors.blind_below - 1, errors.blind_below):
+            lost = (depth_of(observed(1.0, TOP, grey=gray), sizes) == 0).mean()
+            assert lost == (gray < errors.blind_below)
+
+
+def test_a_weak_lamp_blinds_no_depth_camera():
+    seen = observed(1.0, grey=30)
+    for errors in (AZURE_HARD, SensorErrors(dark_dropout=1.0)):
+        units = draw_units(seen, errors, np.random.default_rng(0))
+        lost = [(corrupt(seen, units, np.random.default_rng(1), lamp).views[0].depth == 0).mean() for lamp in (1, 0.5)]
+        assert lost == [1.0, 0.0]
+    with pytest.raises(ValueError, match=r"^brightness must be above 0, got 0$"):
+        corrupt(seen, units, np.random.default_rng(1), 0)
 
 
 def test_averaging_frames_leaves_the_warp_and_the_bias():
@@ -86,20 +151,23 @@ def test_units_err_as_much_as_their_errors_say():
     assert np.sqrt(np.mean(np.square(turned)) / 3) == pytest.approx(NOMINAL.rotation_error, rel=0.2)
 
 
+@pytest.mark.parametrize("baseline", [NOMINAL.baseline, D455.baseline])
 @pytest.mark.parametrize(("front", "behind"), [(0.5, 0.05), (1.0, 0.2)])
-def test_holes_beside_an_edge_are_as_wide_as_the_baseline_makes_them(front, behind):
+def test_holes_beside_an_edge_are_as_wide_as_the_baseline_makes_them(front, behind, baseline):
+    law = CAMERA.focal * baseline
+    sizes = SensorErrors(baseline=baseline, occlusion=True)
     depth = np.full(SIZE, front + behind)
     depth[100:300, 200:400] = front
-    found = depth_of(observed(depth), SensorErrors(occlusion=True))
-    width = LAW * (1 / front - 1 / (front + behind))
+    found = depth_of(observed(depth), sizes)
+    width = law * (1 / front - 1 / (front + behind))
     hole = found[200] == 0
     assert abs(hole[100:400].sum() - width) <= 1
     assert hole[200 - math.floor(width) : 200].all() and not hole[200:].any()
-    assert abs(hole[:100].sum() - LAW / (front + behind)) <= 1  # the band at the left border
+    assert abs(hole[:100].sum() - law / (front + behind)) <= 1  # the band at the left border
     assert not (found[50] == 0)[100:].any()
-    near = LAW / sensor_errors.SEARCH  # What is nearer is not seen.
+    near = law / sensor_errors.SEARCH  # What is nearer is not seen.
     for z, share in ((0.99 * near, 1.0), (1.01 * near, 0.0)):
-        assert (depth_of(observed(z), SensorErrors(occlusion=True)) == 0)[:, 200:].mean() == share
+        assert (depth_of(observed(z), sizes) == 0)[:, 200:].mean() == share
 
 
 def table_view(camera):
@@ -110,13 +178,18 @@ def table_view(camera):
     return View(camera, np.full((*camera.size, 3), 128, np.uint8), depth)
 
 
-def disagreement(errors, seed):
+TWO_D435 = [
+    camera_looking_at(str(number), place, (0.5, 0.0, 0.0))
+    for number, place in enumerate(((1.0, 0.0, 0.75), (0.0, 0.5, 0.75)))
+]
+
+
+def disagreement(cameras, errors, seed):
     """RMS distance (m) between where two cameras see the same piece (20 mm) of a table, 1 m away."""
-    places = ((1.0, 0.0, 0.75), (0.0, 0.5, 0.75))
-    cameras = [camera_looking_at(str(number), place, (0.5, 0.0, 0.0)) for number, place in enumerate(places)]
     clean = Observation(tuple(table_view(camera) for camera in cameras))
+    units = draw_different_units(clean, errors, np.random.default_rng(seed))
     shifts = []
-    for view, bad in zip(clean.views, corrupted(clean, errors, seed).views, strict=True):
+    for view, bad in zip(clean.views, corrupt(clean, units, np.random.default_rng(seed + 1)).views, strict=True):
         true, found = view.points(), bad.points()
         inside = (bad.depth > 0) & (abs(true[..., 0] - 0.5) < 0.2) & (abs(true[..., 1]) < 0.3)
         cell = ((true[inside][:, :2] - (0.3, -0.3)) // 0.02).astype(int)
@@ -128,10 +201,15 @@ def disagreement(errors, seed):
     return float(np.sqrt(np.mean(np.sum((shifts[0] - shifts[1]) ** 2, axis=-1))))
 
 
-def test_two_cameras_disagree_as_real_ones_do():
-    nominal = np.mean([disagreement(NOMINAL, seed) for seed in range(12)])
+@pytest.mark.parametrize(
+    ("cameras", "errors"),
+    [(TWO_D435, (NOMINAL, NOMINAL)), ((LEFT, RIGHT), (D455, D455)), ((TOP, LEFT), (AZURE, D455))],
+    ids=("D435", "D455", "Azure and D455"),
+)
+def test_two_cameras_disagree_as_real_ones_do(cameras, errors):
+    nominal = np.mean([disagreement(cameras, errors, seed) for seed in range(12)])
     assert 0.005 < nominal < 0.015
-    assert disagreement(SensorErrors(), 0) == 0.0
+    assert disagreement(cameras, (SensorErrors(), SensorErrors()), 0) == 0.0
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "none"])
@@ -230,8 +308,12 @@ def test_errors_that_cannot_be_are_refused(fields, message):
 
 def test_kinds_cover_every_error_once_and_cameras_that_do_not_fit_are_refused():
     names = [name for names in KINDS.values() for name in names]
-    assert sorted(names) == sorted({field.name for field in dataclasses.fields(SensorErrors)} - {"baseline"})
+    assert sorted(names) == sorted(
+        {field.name for field in dataclasses.fields(SensorErrors)} - {"baseline", *TIME_OF_FLIGHT}
+    )
     units = draw_units(observed(1.0), NOMINAL, np.random.default_rng(0))
     other = observed(1.0, dataclasses.replace(CAMERA, name="ceiling"))
     with pytest.raises(ValueError, match=r"^units must be of the observation's cameras \[\('ceiling'.*got \[\('wall'"):
         corrupt(other, units, np.random.default_rng(0))
+    with pytest.raises(ValueError, match=r"^errors must be as many as the observation's cameras, 1, got 2$"):
+        draw_different_units(other, (AZURE, D455), np.random.default_rng(0))

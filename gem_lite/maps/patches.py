@@ -11,9 +11,10 @@ from scipy import sparse
 
 from gem_lite.clip import Clip
 from gem_lite.config import COUNT, LENGTH, InputConfig, entry
+from gem_lite.rgbd.camera import Camera
 
-WIDTH = 640
-"""The width in pixels of a picture whose patches have the side that `PatchConfig` says."""
+WIDTH, FOCAL = 640, 450.0
+"""The width and the focal length (pixels) of a picture whose patches have the side that `PatchConfig` says."""
 
 
 @dataclass(frozen=True)
@@ -166,14 +167,15 @@ def paint_outside(rgb: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return painted
 
 
-def side_grid(shape: tuple[int, int], config: PatchConfig) -> PatchGrid:
-    """The patches of a view of ``shape`` (H, W).
+def side_grid(camera: Camera, config: PatchConfig) -> PatchGrid:
+    """The patches of a camera's view.
 
-    In a picture wider than `WIDTH` pixels, they grow with it. So a patch shows the same part of the table however fine
-    the picture is, and there are not more patches. The points keep the picture's full resolution.
+    In a picture wider than `WIDTH` pixels, they grow with it, but no more than its focal length does: a wide picture
+    may be finer, or show more. So a patch shows the same part of the table however fine the picture is. The points keep
+    the picture's full resolution.
     """
-    scale = max(1.0, shape[1] / WIDTH)
-    return PatchGrid(shape, round(config.patch * scale), round(config.stride * scale))
+    scale = max(1.0, min(camera.size[1] / WIDTH, camera.focal / FOCAL))
+    return PatchGrid(camera.size, round(config.patch * scale), round(config.stride * scale))
 
 
 def top_grid(config: PatchConfig) -> PatchGrid:

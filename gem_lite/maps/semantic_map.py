@@ -87,7 +87,7 @@ def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> Scene
 
     def embed_view(view: View, inside: np.ndarray) -> PatchEmbeddings:
         return patches.embed_patches(
-            patches.paint_outside(view.rgb, inside), patches.side_grid(view.camera.size, config), clip, inside
+            patches.paint_outside(view.rgb, inside), patches.side_grid(view.camera, config), clip, inside
         )
 
     return embed_views(views, clip, config, embed_view)

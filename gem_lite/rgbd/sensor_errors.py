@@ -1,4 +1,6 @@
-"""How real depth cameras err, for clean views of a simulator: active stereo like Intel's RealSense D435.
+"""How real depth cameras err, for clean views of a simulator.
+
+Two kinds: active stereo, like Intel's RealSense D435 and D455, and time of flight, like Microsoft's Azure Kinect.
 
 Draw what belongs to a camera once an episode, and corrupt each observation before a policy sees it::
 
@@ -6,16 +8,17 @@ Draw what belongs to a camera once an episode, and corrupt each observation befo
     seen = corrupt(observation, units, np.random.default_rng(1))
 
 A point at depth z (m) has the disparity d = f B / z (pixels), with the view's own focal length f (pixels) and the
-baseline B (m). An error of s pixels is one of z² s / (f B) metres: the stereo law, Intel's D400 tuning guide.
+baseline B (m). An error of s pixels is one of z² s / (f B) metres: the stereo law, Intel's D400 tuning guide. Time of
+flight measures z itself; its errors are metres, and its "disparity" is only a multiple of 1 / z that finds edges.
 
-Not modelled: glossy and clear things (a view does not know them), the offset of colour from depth, rolling shutters, a
-clock offset, noise that is alike in successive frames.
+Not modelled: glossy and clear things (a view does not know them), light that takes two ways in a corner (time of
+flight), the offset of colour from depth, rolling shutters, a clock offset, noise that is alike in successive frames.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 
@@ -41,11 +44,15 @@ DARK = 40
 """Pixels with a lower mean of red, green and blue (0-255) are dark. A guess."""
 STEEP = math.radians(70)
 """Surfaces that are seen under a larger angle to their normal (rad) are steep."""
+STRONG = 0.5
+"""Up to this depth (m) the noise of time of flight does not grow (BlenderProc's fit to Tölgyessy and others 2021)."""
 
 
 @dataclass(frozen=True)
 class SensorErrors:
     """The sizes of a depth camera's errors, all off by default.
+
+    Those in pixels of disparity are of stereo, those of `TIME_OF_FLIGHT` of the other kind; the rest both may have.
 
     Attributes:
         baseline: B (m) between the two imagers. Colour and depth are those of the left one.
@@ -63,6 +70,11 @@ class SensorErrors:
         dropout: share of all pixels without depth, in blobs.
         dark_dropout, steep_dropout: this share on dark (`DARK`) and on steep (`STEEP`) surfaces, if it is larger.
         disparity_step, depth_step: disparity (pixels) and depth (m) are rounded to multiples of it; 0: not rounded.
+        axial_noise: standard deviation (m) of the depth up to `STRONG`, new in each frame, white.
+        axial_growth: what is added to it for each metre beyond.
+        depth_bias: standard deviation (m) of an offset of all depths, drawn once.
+        depth_warp: standard deviation (m) of a smooth field, drawn once.
+        blind_below: no depth where the mean of red, green and blue (0-255) is lower.
         position_error: standard deviation (m, each axis) of the position in the pose that the policy is given.
         rotation_error: standard deviation (rad, each axis) of the rotation in this pose.
         color_noise: standard deviation (of 255) of each channel at mid grey.
@@ -87,6 +99,11 @@ class SensorErrors:
     steep_dropout: float = 0.0
     disparity_step: float = 0.0
     depth_step: float = 0.0
+    axial_noise: float = 0.0
+    axial_growth: float = 0.0
+    depth_bias: float = 0.0
+    depth_warp: float = 0.0
+    blind_below: float = 0.0
     position_error: float = 0.0
     rotation_error: float = 0.0
     color_noise: float = 0.0
@@ -118,7 +135,9 @@ KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType({
     "position": ("position_error",),
     "color": ("color_noise", "exposure", "white_balance"),
 })  # fmt: skip
-"""The attributes that belong to each kind of error. Together they are all but the baseline."""
+"""The attributes that belong to each kind of a stereo camera's errors."""
+TIME_OF_FLIGHT = ("axial_noise", "axial_growth", "depth_bias", "depth_warp", "blind_below")
+"""The attributes of a time-of-flight camera. With the baseline and those of `KINDS`, they are all."""
 
 NOMINAL = SensorErrors(
     disparity_noise=0.08, static_warp=0.10, unit_bias=0.1, ripple=0.001, thermal=0.002, lateral_jitter=0.5,
@@ -145,6 +164,29 @@ Ripple: Intel's subpixel linearity paper. Jitter: Halmetschlager-Funek and other
 published residuals. Guesses: as in `NOMINAL`, without the bias. Half a matching window of 9 pixels bounds fattening;
 dropout is near the 11 % that a D415 lost on a white wall (Curto and others 2022).
 """
+D455 = replace(NOMINAL, baseline=0.095)
+"""`NOMINAL` with the baseline of a D455, 95 mm (its data sheet); Intel advises 848 x 480 pixels, f about 424 pixels."""
+D455_HARD = replace(HARD, baseline=0.095)
+"""`HARD` with the baseline of a D455."""
+AZURE = SensorErrors(
+    lateral_jitter=0.25, fattening=2, least_fattening=1, mixed=0.5, invalid=0.5, depth_step=0.001, axial_noise=0.0005,
+    axial_growth=0.001, depth_bias=0.004, depth_warp=0.004, blind_below=15, position_error=NOMINAL.position_error,
+    rotation_error=NOMINAL.rotation_error, color_noise=NOMINAL.color_noise, exposure=NOMINAL.exposure,
+    white_balance=NOMINAL.white_balance,
+)  # fmt: skip
+"""An Azure Kinect. A ring of 1 or 2 pixels round whatever is nearer is mixed or invalid, half and half.
+
+Noise, jitter, and the gray below which nothing is seen: BlenderProc, after Tölgyessy and others 2021. Step: Microsoft's
+SDK. Bias and warp: guesses inside Microsoft's bound (11 mm + 0.1 %) and the 10 mm that users saw. The ring: a guess.
+Poses and colour: as in `NOMINAL`.
+"""
+AZURE_HARD = SensorErrors(
+    lateral_jitter=0.5, fattening=3, least_fattening=2, mixed=0.5, invalid=0.5, depth_step=0.001, axial_noise=0.001,
+    axial_growth=0.002, depth_bias=0.008, depth_warp=0.008, blind_below=40, position_error=HARD.position_error,
+    rotation_error=HARD.rotation_error, color_noise=HARD.color_noise, exposure=HARD.exposure,
+    white_balance=HARD.white_balance,
+)  # fmt: skip
+"""`AZURE` with twice its noise, jitter, bias and warp, a wider ring, and more dark things unseen: guesses."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +198,7 @@ class Unit:
         camera: the camera as the policy is given it, with the errors of its pose.
         offset: (H, W) float32 pixels of disparity, bias and warp together.
         scale: factor of all depths.
+        depth_offset: (H, W) float32 metres, bias and warp of time of flight together.
         gains: (3,) float32 factors of red, green and blue.
     """
 
@@ -163,6 +206,7 @@ class Unit:
     camera: Camera
     offset: np.ndarray
     scale: float
+    depth_offset: np.ndarray
     gains: np.ndarray
 
 
@@ -171,9 +215,18 @@ def draw_units(observation: Observation, errors: SensorErrors, rng: np.random.Ge
 
     With the same seed, larger errors are multiples of smaller ones, whichever others are on.
     """
-    cameras = [view.camera for view in observation.views]
-    streams = rng.spawn(len(cameras))
-    return tuple(_draw_unit(camera, errors, stream) for camera, stream in zip(cameras, streams, strict=True))
+    return draw_different_units(observation, [errors] * len(observation.views), rng)
+
+
+def draw_different_units(
+    observation: Observation, errors: Sequence[SensorErrors], rng: np.random.Generator
+) -> tuple[Unit, ...]:  # fmt: skip
+    """`draw_units` for cameras of several kinds: ``errors`` are those of each. Raises ValueError for another number."""
+    views = observation.views
+    if len(errors) != len(views):
+        raise ValueError(f"errors must be as many as the observation's cameras, {len(views)}, got {len(errors)}")
+    parts = zip(views, errors, rng.spawn(len(views)), strict=True)
+    return tuple(_draw_unit(view.camera, one, stream) for view, one, stream in parts)
 
 
 def _draw_unit(camera: Camera, errors: SensorErrors, rng: np.random.Generator) -> Unit:
@@ -181,39 +234,55 @@ def _draw_unit(camera: Camera, errors: SensorErrors, rng: np.random.Generator) -
     offset = np.full(camera.size, errors.unit_bias * depth.standard_normal(), np.float32)
     offset += np.float32(errors.static_warp) * _smooth(depth, camera.size, WARP_SCALE)
     scale = float(1 + errors.thermal * depth.uniform(-1, 1))
+    depth_offset = np.full(camera.size, errors.depth_bias * depth.standard_normal(), np.float32)
+    depth_offset += np.float32(errors.depth_warp) * _smooth(depth, camera.size, WARP_SCALE)
     moved = errors.position_error * pose.standard_normal(3)
     turned = Rotation.from_rotvec(errors.rotation_error * pose.standard_normal(3)).as_matrix()
     if errors.position_error or errors.rotation_error:
         camera = replace(camera, pose=as_pose(camera.rotation @ turned, (camera.position + moved).tolist()))
     exposure = (1 + errors.exposure) ** color.uniform(-1, 1)
     red, blue = 1 + errors.white_balance * color.uniform(-1, 1, 2)
-    return Unit(errors, camera, offset, scale, np.array([red * exposure, exposure, blue * exposure], np.float32))
+    gains = np.array([red * exposure, exposure, blue * exposure], np.float32)
+    return Unit(errors, camera, offset, scale, depth_offset, gains)
 
 
-def corrupt(observation: Observation, units: tuple[Unit, ...], rng: np.random.Generator) -> Observation:
+def corrupt(
+    observation: Observation, units: tuple[Unit, ...], rng: np.random.Generator, brightness: float = 1.0
+) -> Observation:  # fmt: skip
     """An observation as erring cameras would give it. Depth is 0 where nothing was measured.
 
-    ``units`` come from `draw_units`, ``rng`` draws what is new in each frame. Raises ValueError if ``units`` are of
-    other cameras.
+    Args:
+        units: from `draw_units`.
+        rng: draws what is new in each frame.
+        brightness: how strong the lamp is; at 1 a white thing is white. Depth cameras bring their own light: whether a
+            thing is dark does not depend on the lamp.
+
+    Raises:
+        ValueError: ``units`` are of other cameras, or ``brightness`` is not above 0.
     """
+    if not brightness > 0:
+        raise ValueError(f"brightness must be above 0, got {brightness}")
     cameras = [(view.camera.name, view.camera.size) for view in observation.views]
     drawn = [(unit.camera.name, unit.camera.size) for unit in units]
     if cameras != drawn:
         raise ValueError(f"units must be of the observation's cameras {cameras}, got {drawn}")
     parts = zip(observation.views, units, rng.spawn(len(units)), strict=True)
-    return Observation(tuple(_corrupt(*part) for part in parts))
+    return Observation(tuple(_corrupt(*part, brightness) for part in parts))
 
 
-def _corrupt(view: View, unit: Unit, rng: np.random.Generator) -> View:
+def _corrupt(view: View, unit: Unit, rng: np.random.Generator, brightness: float) -> View:
     errors = unit.errors
     noise, edges, holes, color = rng.spawn(4)
     depth = view.depth
+    gray = view.rgb.mean(axis=-1) / brightness
     disparity = np.zeros_like(depth)  # pixels; 0 where the view has no depth
     np.divide(view.camera.focal * errors.baseline, depth, out=disparity, where=depth > 0)
     if _errs(errors, "disparity", "edges", "quantisation"):
         depth = _matched(disparity, unit, noise, edges)
+    if any(getattr(errors, name) for name in TIME_OF_FLIGHT):
+        depth = _timed(depth, gray, unit, noise)
     if _errs(errors, "holes"):
-        depth = np.where(_holes(disparity, view, errors, holes), np.float32(0), depth)
+        depth = np.where(_holes(disparity, gray, unit, holes), np.float32(0), depth)
     if errors.depth_step:
         depth = (np.round(depth / errors.depth_step) * errors.depth_step).astype(np.float32)
     return View(unit.camera, _colored(view.rgb, unit, color) if _errs(errors, "color") else view.rgb, depth)
@@ -236,6 +305,15 @@ def _matched(disparity: np.ndarray, unit: Unit, noise: np.random.Generator, edge
     valid &= disparity >= product / (2 * unit.camera.far)
     factor = unit.scale + errors.ripple * np.sin(2 * np.pi * disparity)
     return np.where(valid, product * factor / np.where(valid, disparity, 1), 0).astype(np.float32)
+
+
+def _timed(depth: np.ndarray, gray: np.ndarray, unit: Unit, rng: np.random.Generator) -> np.ndarray:
+    """(H, W) float32: depth (m) after the errors of time of flight."""
+    errors = unit.errors
+    sigma = errors.axial_noise + errors.axial_growth * np.maximum(depth - STRONG, 0)
+    noisy = depth + unit.depth_offset + sigma * rng.standard_normal(depth.shape, np.float32)
+    valid = (depth > 0) & (noisy > 0) & (gray >= errors.blind_below)
+    return np.where(valid, noisy, 0).astype(np.float32)
 
 
 def _jittered(disparity: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
@@ -263,11 +341,12 @@ def _fattened(disparity: np.ndarray, errors: SensorErrors, rng: np.random.Genera
     return np.where(ring, changed, disparity)
 
 
-def _holes(disparity: np.ndarray, view: View, errors: SensorErrors, rng: np.random.Generator) -> np.ndarray:
+def _holes(disparity: np.ndarray, gray: np.ndarray, unit: Unit, rng: np.random.Generator) -> np.ndarray:
     """(H, W) bool: where the camera measures nothing, besides at edges."""
+    errors = unit.errors
     share = np.full(disparity.shape, errors.dropout)
-    share[view.rgb.mean(axis=-1) < DARK] = max(errors.dropout, errors.dark_dropout)
-    steep = _incidence(disparity, view.camera) > STEEP
+    share[gray < DARK] = max(errors.dropout, errors.dark_dropout)
+    steep = _incidence(disparity, unit.camera) > STEEP
     share[steep] = np.maximum(share[steep], errors.steep_dropout)
     holes = _smooth(rng, disparity.shape, HOLE_SCALE) < ndtri(share)
     if errors.occlusion:

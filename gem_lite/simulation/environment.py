@@ -1,4 +1,4 @@
-"""The base of all simulated environments: reset a task, observe each table with three cameras, carry out actions."""
+"""The base of all simulated environments: reset a task, observe each table with its cameras, carry out actions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 import pybullet as p
 
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
+from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
+from gem_lite.rgbd.sensor_errors import corrupt, draw_different_units
 from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body
@@ -25,6 +27,8 @@ SETTLE_STEPS = 4800
 """The scene may take this many simulation steps to come to rest."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
+LAMP_STREAM, UNIT_STREAM, FRAME_STREAM = (0, 1), (0, 2), (0, 3)
+"""With the seed of an episode: seeds of the lamp, of what a camera keeps for an episode, and of a frame's noise."""
 Watch = Callable[[str], None]
 """Called at the moments "picked", "pushed" and "placed" of an action, with the moment's name: to take pictures."""
 
@@ -99,6 +103,7 @@ class Environment(ABC):
         parked: the position (m) where the tool waits.
         effector: the tool. The task chooses it.
         trace: the states of the tool during the present action, or the last one.
+        light: the lamp of the present episode.
         film: called with each state after it came into the trace: to take pictures. By default nobody films.
 
     Args:
@@ -111,6 +116,8 @@ class Environment(ABC):
 
     def __init__(self, style: Look = HOME) -> None:
         self.style = style
+        self.light = style.light
+        self._seed = 0
         self.workspace = Workspace()
         self.client = p.connect(p.DIRECT)
         self.bodies: list[Body] = []
@@ -149,6 +156,8 @@ class Environment(ABC):
     def begin(self, task: PlayedTask, seed: int) -> None:
         """`reset` without pictures."""
         self.workspace = task.workspace
+        self.light = self.style.lamp.draw(self.style.light, np.random.default_rng((seed, *LAMP_STREAM)))
+        self._seed = seed
         self.clear(task.effector)
         self._task = task
         self.steps_taken = 0
@@ -159,7 +168,21 @@ class Environment(ABC):
 
     @abstractmethod
     def observe(self) -> tuple[Observation, ...]:
-        """The views of the three cameras of each table, in that table's own frame."""
+        """The views of the cameras of each table, in that table's own frame."""
+
+    def as_measured(self, views: tuple[View, ...], table: int) -> Observation:
+        """What the cameras of a table give for their true ``views``: with the errors of `Look.sensors`.
+
+        They depend on the episode's seed, the table and, for what is new in each frame, the number of actions before.
+        Looking twice gives the same.
+        """
+        seen = Observation(views)
+        if not self.style.sensors:
+            return seen
+        units_rng = np.random.default_rng((self._seed, *UNIT_STREAM, table))
+        frame_rng = np.random.default_rng((self._seed, *FRAME_STREAM, table, self.steps_taken))
+        units = draw_different_units(seen, self.style.sensors, units_rng)
+        return corrupt(seen, units, frame_rng, self.light.brightness)
 
     def step(self, action: Action, watch: Watch = _ignore, last_look: bool = True) -> Step:
         """Carry out an action and score the result.

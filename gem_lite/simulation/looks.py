@@ -1,4 +1,4 @@
-"""Worlds by name: scenes of the same task may differ in light, floor, containers and spacing.
+"""Worlds by name: scenes of the same task may differ in light, cameras, floor, containers and spacing.
 
 For a new world, make a `Look` with other values and a new name, and call `register`.
 """
@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 
 from gem_lite.foundations import colors
 from gem_lite.foundations.registry import Registry
+from gem_lite.rgbd.camera import Camera
+from gem_lite.rgbd.sensor_errors import AZURE, AZURE_HARD, D455, D455_HARD, SensorErrors
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
-from gem_lite.simulation.rendering import LIGHT, Light
+from gem_lite.simulation.rendering import AZURE_AND_D455, CAMERAS, LIGHT, STEADY, LampRange, Light
 
 FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
 TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
@@ -25,6 +27,9 @@ class Look:
         name: the world's name in results.
         floor: colour of the floor round the table.
         light: the lamp.
+        lamp: how the lamp differs from episode to episode.
+        cameras: of a table that is 1 m long, as CLIPort's; see `rendering.cameras_around`.
+        sensors: the errors of each camera, drawn from the episode's seed. Without any, pictures are perfect.
         bowls: profiles of bowls; each bowl gets one of them at random.
         box_heights: heights (m) of the walls of a brown box; each box gets one of them at random.
         plates: (width, height) (m) of the plates of a pyramid's base; each base gets one of them at random.
@@ -35,11 +40,20 @@ class Look:
     name: str = "home"
     floor: RGBA = FLOOR_COLOR
     light: Light = LIGHT
+    lamp: LampRange = STEADY
+    cameras: tuple[Camera, ...] = CAMERAS
+    sensors: tuple[SensorErrors, ...] = ()
     bowls: tuple[BowlProfile, ...] = (BOWL,)
     box_heights: tuple[float, ...] = (0.05,)
     plates: tuple[tuple[float, float], ...] = ((0.05, 0.005),)
     touching: float = 0.0
     at_edge: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.sensors) not in (0, len(self.cameras)):
+            raise ValueError(
+                f"sensors must be none, or one for each of {len(self.cameras)} cameras, got {len(self.sensors)}"
+            )
 
 
 TRAINING_BOWLS = (
@@ -60,8 +74,16 @@ VARIED = Look(
     "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
     plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
 )  # fmt: skip
+KINECT = Look(
+    "kinect", light=Light(shadow=True), lamp=LampRange(lean=0.5, strength=0.15), cameras=AZURE_AND_D455,
+    sensors=(AZURE, D455, D455),
+)  # fmt: skip
+"""A real cell: an Azure Kinect on top, two D455 at the sides, a lamp that was put up anew (its numbers are guesses)."""
+KINECT_HARD = replace(
+    KINECT, name="kinect-hard", lamp=LampRange(lean=1.0, strength=0.3), sensors=(AZURE_HARD, D455_HARD, D455_HARD)
+)
 WORLDS: Registry[Look] = Registry("world")
-"""Every world by its name. Demonstrations come from "home", "varied" or "crowded"; the others only test."""
+"""Every world by its name. Demonstrations come from "home", "varied", "crowded" or "kinect"; the others only test."""
 
 
 def register(world: Look) -> Look:
@@ -90,5 +112,7 @@ for _world in (
     Look("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),
     Look("touching", touching=0.6),
     Look("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
+    KINECT,
+    KINECT_HARD,
 ):
     register(_world)

@@ -106,7 +106,7 @@ def disturbed(find: Finder, error: Pose2) -> Finder:
 
 
 class MobileWorld(Environment):
-    """Several tables, each with three cameras and a tag, and the base.
+    """Several tables, each with its cameras and a tag, and the base.
 
     Table i has the tag with number i. A table's frame is the same as in a `World` with this table alone. A task for
     one table uses the first table; object-sorting uses all tables.
@@ -163,10 +163,12 @@ class MobileWorld(Environment):
 
     @override
     def observe(self) -> tuple[Observation, ...]:
-        cameras = cameras_around(self.workspace)
-        return tuple(
-            Observation(tuple(self._take_picture(camera, table) for camera in cameras)) for table in self.tables
-        )
+        cameras = cameras_around(self.workspace, self.style.cameras)
+        seen = []
+        for number, table in enumerate(self.tables):
+            views = tuple(self._take_picture(camera, table) for camera in cameras)
+            seen.append(self.as_measured(views, number))
+        return tuple(seen)
 
     @override
     def reach(self, table: int) -> Pose2:
@@ -216,7 +218,7 @@ class MobileWorld(Environment):
         position = frame @ Pose2(x, y)
         rotation = Rotation.from_euler("z", frame.yaw).as_matrix() @ camera.rotation
         in_world = replace(camera, pose=as_pose(rotation, (position.x, position.y, z)))
-        return replace(render(self.client, in_world, self.style.light)[0], camera=camera)
+        return replace(render(self.client, in_world, self.light)[0], camera=camera)
 
 
 def add_base(client: int, camera: Camera) -> int:

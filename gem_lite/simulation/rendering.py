@@ -1,7 +1,9 @@
-"""Pictures of a PyBullet world: CLIPort's three cameras, the lamp, and the true bodies from above for scoring."""
+"""Pictures of a PyBullet world: sets of three cameras, and the lamp."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,15 +20,25 @@ CAMERAS: tuple[Camera, ...] = (
     Camera.pinhole("right", (0.0, -0.5, 0.75), (-0.8682, 0.3596, -0.1309, 0.3160)),
 )
 """CLIPort's front, left and right cameras."""
+_D455_INTRINSICS = ((424.0, 0.0, 424.0), (0.0, 424.0, 240.0), (0.0, 0.0, 1.0))
+AZURE_AND_D455: tuple[Camera, ...] = (
+    Camera.pinhole("top", (0.5, 0.0, 0.9), (0.5**0.5, 0.5**0.5, 0.0, 0.0), size=(576, 640), focal=500.0),
+    *(replace(camera, intrinsics=_D455_INTRINSICS, size=(480, 848)) for camera in CAMERAS[1:]),
+)
+"""An Azure Kinect that looks straight down, and two D455 in the poses of CLIPort's left and right cameras.
+
+Sizes are those of the depth pictures (Azure: NFOV unbinned). Intrinsics: a D455's at 848 pixels from its field of view;
+an Azure's as its units have about. The height is a guess at which the top camera sees the table and what stands on it.
+"""
 
 
-def cameras_around(workspace: Workspace) -> tuple[Camera, ...]:
-    """`CAMERAS`, with distances scaled by the table's length (CLIPort's table is 1 m long)."""
+def cameras_around(workspace: Workspace, cameras: Sequence[Camera] = CAMERAS) -> tuple[Camera, ...]:
+    """Cameras of CLIPort's table, with distances scaled by the table's length (CLIPort's table is 1 m long)."""
     middle = np.array([(workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2, 0.0])
-    positions = [middle + workspace.length * (camera.position - (0.5, 0.0, 0.0)) for camera in CAMERAS]
+    positions = [middle + workspace.length * (camera.position - (0.5, 0.0, 0.0)) for camera in cameras]
     return tuple(
         replace(camera, pose=as_pose(camera.rotation, position))
-        for camera, position in zip(CAMERAS, positions, strict=True)
+        for camera, position in zip(cameras, positions, strict=True)
     )
 
 
@@ -48,9 +60,45 @@ class Light:
     diffuse: float = 0.35
     shadow: bool = False
 
+    @property
+    def brightness(self) -> float:
+        """The brightness of a white surface that faces the lamp, as a multiple of the default lamp's."""
+        return (self.ambient + self.diffuse) / (LIGHT.ambient + LIGHT.diffuse)
+
 
 LIGHT = Light()
 """The default lamp of a world."""
+
+
+@dataclass(frozen=True)
+class LampRange:
+    """How the lamp differs from episode to episode. By default, it does not.
+
+    Attributes:
+        lean: the lamp is moved by at most this far (m) sideways for each metre of its height.
+        strength: e; ambient and diffuse light are multiplied by a factor between 1 / (1 + e) and 1 + e, log-uniform.
+    """
+
+    lean: float = 0.0
+    strength: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be a finite number of at least 0, got {value!r}")
+
+    def draw(self, light: Light, rng: np.random.Generator) -> Light:
+        """The lamp of an episode, near ``light``."""
+        x, y, z = light.direction
+        away = self.lean * z * math.sqrt(rng.random())
+        towards = rng.uniform(-math.pi, math.pi)
+        direction = (x + away * math.cos(towards), y + away * math.sin(towards), z)
+        factor = (1 + self.strength) ** rng.uniform(-1, 1)
+        return replace(light, direction=direction, ambient=factor * light.ambient, diffuse=factor * light.diffuse)
+
+
+STEADY = LampRange()
+"""The same lamp in every episode."""
 
 
 def render(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pybullet as p
 from typing_extensions import override
 
-from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
@@ -35,22 +36,24 @@ class World(Environment):
 
     @override
     def observe(self) -> tuple[Observation, ...]:
-        cameras = cameras_around(self.workspace)
-        if self.style.light.shadow:  # The shadows of the bodies fall on the floor.
-            return (Observation(self._views(cameras)),)
+        if self.light.shadow:  # The shadows of the bodies fall on the floor.
+            return (self.as_measured(self._views(), table=0),)
         # The floor fills the pictures, so its pixels are most of the renderer's work, and they never change.
         p.changeVisualShape(self._floor, -1, rgbaColor=INVISIBLE, physicsClientId=self.client)
-        views = self._views(cameras)
+        views = self._views()
         p.changeVisualShape(self._floor, -1, rgbaColor=self.style.floor, physicsClientId=self.client)
+        lit = replace(self.style, light=self.light)
         seen = []
-        for view, floor in zip(views, _floor_views(self.style, self.workspace), strict=True):
+        for view, floor in zip(views, _floor_views(lit, self.workspace), strict=True):
             behind = view.depth > floor.depth
             rgb = np.where(behind[..., None], floor.rgb, view.rgb)
             seen.append(View(view.camera, rgb, np.where(behind, floor.depth, view.depth)))
-        return (Observation(tuple(seen)),)
+        return (self.as_measured(tuple(seen), table=0),)
 
-    def _views(self, cameras: tuple[Camera, ...]) -> tuple[View, ...]:
-        return tuple(render(self.client, camera, self.style.light)[0] for camera in cameras)
+    def _views(self) -> tuple[View, ...]:
+        """The true views of the cameras."""
+        cameras = cameras_around(self.workspace, self.style.cameras)
+        return tuple(render(self.client, camera, self.light)[0] for camera in cameras)
 
     @override
     def reach(self, table: int) -> Pose2:
@@ -63,4 +66,4 @@ def _floor_views(style: Look, workspace: Workspace) -> tuple[View, ...]:
     with World(style=style) as world:
         world.workspace = workspace
         world.add_floor()
-        return world._views(cameras_around(workspace))
+        return world._views()

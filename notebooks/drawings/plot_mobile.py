@@ -28,7 +28,7 @@ def photograph(world: MobileWorld) -> np.ndarray:
     distance = 1.2 + max(np.hypot(middle.x - x, middle.y - y) for middle in middles)
     position = (x - distance, y + 0.85 * distance, 0.65 * distance)
     camera = camera_looking_at("outside", position, (x, y - 0.22 * distance, -0.45))
-    return render(world.client, camera, world.style.light)[0].rgb
+    return render(world.client, camera, world.light)[0].rgb
 
 
 def draw_seams(ax: Axes, count: int, width: int) -> None:

@@ -160,7 +160,7 @@ class Film:
 
     def take(self) -> np.ndarray:
         """(h, w, 3) uint8: a picture of the present moment."""
-        return render(self.world.client, self.camera, self.world.style.light)[0].rgb
+        return render(self.world.client, self.camera, self.world.light)[0].rgb
 
 
 def _resized(camera: Camera, width: int) -> Camera:
