@@ -8,10 +8,11 @@ from frame_averaging import frame_averaged
 from gem_lite import tasks
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
-from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify
+from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, side_grid
 from gem_lite.maps.semantic_map import fuse, plateau_centre
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
+from gem_lite.simulation.rendering import AZURE_AND_D455, CAMERAS
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +100,10 @@ def test_patches_of_a_wide_picture_show_as_much_of_the_table(scene_and_truth, mo
         text = semantic_map.text_conditioned_map(found, phrase, model)
         assert text[scene.heightmap.workspace.nearest_cell(pose.x, pose.y)] > 0.5
         assert np.abs(text - semantic_map.text_conditioned_map(scene, phrase, model)).mean() < 0.05
+
+
+def test_patches_of_a_wide_field_of_view_are_no_larger():
+    assert [side_grid(camera, LITE).patch for camera in (*CAMERAS, *AZURE_AND_D455)] == [20] * 6
 
 
 def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):

@@ -5,7 +5,7 @@ import math
 import torch
 
 from experiments.sensor_noise.__main__ import APP
-from experiments.sensor_noise.curves import only
+from experiments.sensor_noise.curves import cells, only
 from gem_lite.cli import base
 from gem_lite.evaluation import results
 from gem_lite.rgbd.sensor_errors import HARD, KINDS, SensorErrors
@@ -35,6 +35,8 @@ def test_a_point_of_the_curves_is_measured_once(tmp_path, monkeypatch, capsys):
 def test_the_stored_curves_hold_every_kind_of_error():
     rows = results.read_rows(results.RESULTS / "sensor-errors.jsonl")
     assert {row["kind"] for row in rows} == {"none", "all", *KINDS}
+    sizes = {cell.name: cell.errors for cell in cells()}
+    assert all(sizes[row["subset"]] == SensorErrors(**row["errors"]) for row in rows)
     hard = next(row for row in rows if (row["kind"], row["level"]) == ("rotation", "hard") and not row.get("levelled"))
     assert hard["errors"]["rotation_error"] == HARD.rotation_error == math.radians(1)
     assert hard["errors"]["disparity_noise"] == 0
