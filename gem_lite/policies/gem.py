@@ -34,6 +34,7 @@ from gem_lite.policies.inputs import (
     label,
     to_rgbd,
 )
+from gem_lite.policies.modulated import ModulatedUNet
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import angle_bins
@@ -51,7 +52,12 @@ class ActionModule(nn.Module):
         super().__init__()
         self.config = config
         attention = language_dim if config.language_in_attention else None
-        self.encoder = UNet(RGBD, config.channels, attention, config.widths)
+        self.encoder: nn.Module
+        if config.encoder == "plain":
+            self.encoder = UNet(RGBD, config.channels, attention, config.widths)
+        else:
+            rotations = 8 if config.encoder == "steerable" else 1
+            self.encoder = ModulatedUNet(RGBD, config.channels, attention, config.widths, rotations)
         self.refiner = SemanticRefiner(config.channels)
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 

@@ -27,6 +27,8 @@ from gem_lite.maps import sources
 from gem_lite.maps.query_maps import MapConfig
 
 Kernels = Literal["steerable", "unrotated", "free"]
+Encoder = Literal["plain", "modulated", "steerable"]
+ENCODERS = Allowed(f"one of {', '.join(get_args(Encoder))}", lambda value: value in get_args(Encoder))
 KERNELS = Allowed(f"one of {', '.join(get_args(Kernels))}", lambda value: value in get_args(Kernels))
 
 ABLATIONS = {
@@ -41,6 +43,12 @@ ABLATIONS = {
     "without-recoloring": Ablation("training shows the colours as they are", {"recolor": False}),
     "without-parsing": SHARED_ABLATIONS["without-parsing"],
     "without-language-in-attention": Ablation("the attention U-Nets see no language", {"language_in_attention": False}),
+    "with-modulated-encoder": Ablation(
+        "words scale and shift every level of the attention U-Nets' decoders", {"encoder": "modulated"}
+    ),
+    "with-steerable-encoder": Ablation(
+        "as with-modulated-encoder, and the attention U-Nets commute with rotations", {"encoder": "steerable"}
+    ),
     "with-matched-single-view": Ablation(
         "one view with patches of 87.5 mm: the paper's side-view patches have that width on the table",
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
@@ -58,7 +66,8 @@ ABLATIONS = {
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots."""
+off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots; and two other
+encoders."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,8 @@ class GemConfig(Config, MapConfig):
         channels: channels that features and kernels share.
         kernels: how one kernel becomes one for each angle.
         language_in_attention: whether the attention U-Nets get the words.
+        encoder: the attention U-Net: "plain" is the paper's, with words at the bottleneck; in "modulated" words scale
+            and shift every level of the decoder; "steerable" does so, too, and commutes with the turns of C_8.
     """
 
     INPUTS: ClassVar[type[InputConfig]] = MapConfig
@@ -111,6 +122,7 @@ class GemConfig(Config, MapConfig):
     channels: int = entry(3, COUNT)
     kernels: Kernels = entry("steerable", KERNELS)
     language_in_attention: bool = entry(True, FLAG)
+    encoder: Encoder = entry("plain", ENCODERS, added=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

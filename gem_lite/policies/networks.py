@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import cast
 
@@ -208,8 +208,7 @@ class CropKernel(nn.Module):
         return self.layers(enn.GeometricTensor(crop * disc(size).to(crop), self._input)).tensor / size
 
     def __reduce__(self) -> tuple:
-        """For copies and pickles: the sizes and the weights. Objects of e2cnn cannot be pickled."""
-        return _crop_kernel, (self._sizes, dict(self.named_parameters()), self.training)
+        return rebuild, (type(self), self._sizes, dict(self.named_parameters()), self.training)
 
 
 def _convolution(inputs: enn.FieldType, outputs: enn.FieldType) -> enn.R2Conv:
@@ -217,15 +216,17 @@ def _convolution(inputs: enn.FieldType, outputs: enn.FieldType) -> enn.R2Conv:
     return enn.R2Conv(inputs, outputs, 5, padding=2, recompute=True)
 
 
-def _crop_kernel(sizes: tuple[int, int, int], weights: dict[str, nn.Parameter], training: bool) -> CropKernel:
-    """The kernel that `CropKernel.__reduce__` took apart."""
+def rebuild(
+    kind: Callable[..., nn.Module], sizes: tuple, weights: dict[str, nn.Parameter], training: bool
+) -> nn.Module:  # fmt: skip
+    """A copy of a module that holds objects of e2cnn, which cannot be pickled: made anew, with these weights."""
     with torch.random.fork_rng(devices=[]):
-        kernel = CropKernel(*sizes).to(next(iter(weights.values())))
+        module = kind(*sizes).to(next(iter(weights.values())))
     for name, weight in weights.items():
         layer, _, own = name.rpartition(".")
-        setattr(kernel.get_submodule(layer), own, weight)
+        setattr(module.get_submodule(layer), own, weight)
     with torch.no_grad():
-        return kernel.train(training)
+        return module.train(training)
 
 
 def parameter_count(module: nn.Module) -> int:

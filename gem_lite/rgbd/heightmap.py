@@ -87,7 +87,7 @@ class SortedPoints:
         """
         values = np.concatenate([label[kept] for label, kept in zip(labels, self.kept, strict=True)])[self.on_top]
         cells = self.cell[self.on_top]
-        size = np.prod(self.workspace.shape)
+        size = int(np.prod(self.workspace.shape))
         columns = values.reshape(len(values), -1).T
         mean = np.stack([_means(cells, column, size) for column in columns], axis=-1).astype(np.float32)
         return self.filled(mean.reshape(*self.workspace.shape, *values.shape[1:]))
@@ -160,7 +160,7 @@ def _on_top(cell: np.ndarray, z: np.ndarray, size: int) -> np.ndarray:
     """(P,) bool: the points of each cell's highest surface.
 
     The highest point alone is no surface: noise would lift the whole table, and a pixel between two surfaces would make
-    a spike. What too few points support (`SUPPORT`) is passed over. Then the surface is where the mean of its points is.
+    a spike. What too few points support (`SUPPORT`) is passed over. The mean of what is left is the surface's height.
     """
     points = np.bincount(cell, minlength=size)
     needed = np.maximum(SUPPORT * points, np.where(points < 4, 1, 2))
