@@ -34,7 +34,7 @@ IDENTITY = (
     "config_hash", "clip_fingerprint", "checkpoint_sha256",
 )  # fmt: skip
 """The entries that identify a row: all that change its meaning, except the number of episodes and `ACTING_RULES`."""
-ACTING_RULES = 2
+ACTING_RULES = 3
 """The version of what a policy does with its maps besides its networks: gates, forbidden actions, retries.
 
 Raise it when a change of the library lets the same weights act in another way. A row holds the version under which it
