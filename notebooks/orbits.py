@@ -14,6 +14,9 @@ from gem_lite.se2 import angle_bins
 from gem_lite.steerable import check_frequency, check_kernel, harmonics
 from gem_lite.steerable.correlation import sample_parts, sampling_matrix
 
+ROUNDING = 1e-5
+"""A sum of float32 numbers is wrong by less than this share of the sum of their sizes."""
+
 
 @lru_cache(maxsize=6)
 @torch.inference_mode(False)  # so that training can use tensors that a decision cached
@@ -82,7 +85,8 @@ def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
     """The largest of all samples, as (angle, row, col). Pixels where it cannot be are not sampled.
 
     At every pixel the signal is at most ``C_0 + 2 sum of |C_k|``. So only pixels whose bound reaches the best value
-    so far are sampled. The result is that of ``sample(...).argmax()``.
+    so far are sampled. The result is that of ``sample(...).argmax()``. Where all waves have their crest at one angle,
+    the signal reaches its bound, and rounding may lift it above.
 
     Args:
         response: (K + 1, H, W) complex, of one scene.
@@ -90,7 +94,8 @@ def peak(response: torch.Tensor, angles: torch.Tensor) -> tuple[int, int, int]:
     """
     terms, _, width = response.shape
     flat = response.flatten(1)  # (K+1, H*W)
-    bound = flat[0].real + 2 * flat[1:].abs().sum(dim=0)
+    size = flat.abs()
+    bound = flat[0].real + 2 * size[1:].sum(dim=0) + ROUNDING * size.sum(dim=0)
     basis = sampling_matrix(terms, angles).to(bound)
 
     def best(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -139,6 +139,14 @@ def test_peak_is_the_argmax_of_all_samples(count):
         assert peak(response, angles) == tuple(map(int, np.unravel_index(logits.argmax(), logits.shape)))
 
 
+def test_peak_is_found_where_rounding_lifts_a_signal_above_its_bound():
+    for seed in range(20):
+        waves = torch.rand(9, generator=torch.Generator().manual_seed(seed)) + 0.1
+        response = torch.zeros(9, 3, 4, dtype=torch.complex64)
+        response[:, 2, 1] = waves  # all crests at the angle 0
+        assert peak(response, angles_of(36)) == (0, 2, 1)
+
+
 def test_gradients_equal_those_of_rotating_first():
     kernel = torch.randn(1, 2, 17, 17, dtype=torch.float64, requires_grad=True)
     features = torch.randn(1, 2, 24, 21, dtype=torch.float64, requires_grad=True)
