@@ -28,6 +28,7 @@ class Score:
         cpu_seconds: of one training, the mean over seeds; None if nothing was trained.
         episodes: the episodes' indices.
         outdated: whether a row was measured under earlier rules (`results.is_outdated`).
+        rules: the versions of the rules of acting under which the rows were measured.
     """
 
     rewards: np.ndarray
@@ -36,6 +37,7 @@ class Score:
     cpu_seconds: float | None
     episodes: tuple[int, ...]
     outdated: bool = False
+    rules: frozenset[int] = frozenset()
 
     def __str__(self) -> str:
         return f"{self.mean:.1f} [{self.interval[0]:.1f}, {self.interval[1]:.1f}]"
@@ -87,7 +89,8 @@ def pool(rows: Sequence[dict], identity: Sequence[str] = results.IDENTITY) -> Sc
     seconds = [row["train_cpu_seconds"] for row in rows if row["train_cpu_seconds"] is not None]
     mean, interval = statistics.mean_and_interval(rewards)
     cpu_seconds = float(np.mean(seconds)) if seconds else None
-    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(results.is_outdated, rows)))
+    rules = frozenset(row.get("acting_rules", 1) for row in rows)
+    return Score(rewards, mean, interval, cpu_seconds, tuple(indices), any(map(results.is_outdated, rows)), rules)
 
 
 def select(rows: Sequence[dict], required: dict, shown: Sequence[str]) -> list[dict]:
