@@ -1,11 +1,14 @@
 """The encoders whose words act at every level of the decoder; one commutes with rotations."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
+from gem_lite.policies.gem import PickModule
+from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.modulated import ModulatedUNet, RegularConvolution
 
 WIDTHS = (8, 8, 16, 16)
@@ -34,6 +37,17 @@ def test_features_of_a_turned_picture_are_turned_features(picture):
         network = encoder(rotations)
         error = off_by(network(picture.rot90(1, TURNED), words), network(picture, words).rot90(1, TURNED))
         assert low <= error < high, f"{rotations} rotations"
+
+
+@torch.no_grad()
+def test_of_gem_the_features_with_their_gate_turn_too(picture):
+    words, semantic = torch.randn(2, 6), torch.rand(2, 1, 48, 48)
+    for name, low, high in (("steerable", 0, 1e-5), ("modulated", 0.01, 10), ("plain", 0.01, 10)):
+        torch.manual_seed(0)
+        module = PickModule(replace(LITE, widths=WIDTHS, encoder=name), 6).eval()
+        turned = module.features(picture.rot90(1, TURNED), semantic.rot90(1, TURNED), words)
+        error = off_by(turned, module.features(picture, semantic, words).rot90(1, TURNED))
+        assert low <= error < high, name
 
 
 @torch.no_grad()

@@ -25,6 +25,8 @@ DEMONSTRATIONS = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 TABLE_A1 = {"gem": "5.7 M", "transporter-lan": "6.6 M", "cliport": "389 M", "cliport-grounded": "-"}
 VIT_B_32 = 512, 768, (768, 768)
 """Widths of the paper's CLIP: of its embeddings, of the features that are projected to them, of inner features."""
+ENCODERS = "gem-with-modulated-encoder", "gem-with-steerable-encoder"
+"""GEM with another encoder than the paper's."""
 PARTS = ("batch", "encoder", "kernel", "correlation", "backward", "optimizer")
 REPEATS = 7
 
@@ -86,15 +88,15 @@ def main() -> None:
     model, demos = clip.load(), demonstrations.load(DEMONSTRATIONS)[:2]
     first = demos[0].steps[0]
     print(f"parameters: lite (CLIP of {model.dim} numbers), paper (of {VIT_B_32[0]}), the paper's Table A1")
-    for name in methods.METHODS.names():
+    for name in (*methods.METHODS.names(), *ENCODERS):
         lite = count(name, "lite", model.dim, model.width, model.inner_widths)
         paper = count(name, "paper", *VIT_B_32)
-        print(f"  {name:16s}{lite / 1e6:6.2f} M  {paper / 1e6:6.2f} M   {TABLE_A1[name]}")
+        print(f"  {name:28s}{lite / 1e6:6.2f} M  {paper / 1e6:6.2f} M   {TABLE_A1.get(name, '-')}")
     print(
         f"\none training step, batch {LITE.batch}, {torch.get_num_threads()} threads; fastest of {REPEATS}, shares in %"
     )
-    print("  method          steps/s" + "".join(f"{part:>13s}" for part in PARTS) + "   one act")
-    for name in methods.METHODS.names():
+    print("  method                      steps/s" + "".join(f"{part:>13s}" for part in PARTS) + "   one act")
+    for name in (*methods.METHODS.names(), *ENCODERS):
         method, config = methods.find(name)
         policy, clock = method(config, model), Clock()
         policy.remember(demos)
@@ -109,7 +111,7 @@ def main() -> None:
         total = sum(clock.spent.values())
         shares = "".join(f"{100 * clock.spent[part] / total:13.0f}" for part in PARTS)
         acting, _ = seconds(lambda policy=policy: policy.act(first.observation, first.instruction), 3)
-        print(f"  {name:16s}{1 / fastest:7.2f}{shares}{acting:8.2f} s")
+        print(f"  {name:28s}{1 / fastest:7.2f}{shares}{acting:8.2f} s")
     print("  correlation: with the crops, the sampling of angles and the loss; kernel: query networks, too")
 
 

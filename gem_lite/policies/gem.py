@@ -34,13 +34,18 @@ from gem_lite.policies.inputs import (
     label,
     to_rgbd,
 )
-from gem_lite.policies.modulated import ModulatedUNet
+from gem_lite.policies.modulated import DepthFields, ModulatedUNet
 from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel
 from gem_lite.steerable.correlation import continued, correlate, sample_parts
 from gem_lite.steerable.loss import sampled_cross_entropy
+
+ROTATIONS = 8
+"""n of the group C_n with whose turns the encoder "steerable" commutes."""
+DEPTH_FIELDS = 2
+"""The fields of its depth encoder, whose 16 numbers stand beside the paper's 8 channels."""
 
 
 class ActionModule(nn.Module):
@@ -52,13 +57,14 @@ class ActionModule(nn.Module):
         super().__init__()
         self.config = config
         attention = language_dim if config.language_in_attention else None
+        sizes = (RGBD, config.channels, attention, config.widths)
         self.encoder: nn.Module
-        if config.encoder == "plain":
-            self.encoder = UNet(RGBD, config.channels, attention, config.widths)
+        if config.encoder == "steerable":
+            self.encoder = ModulatedUNet(*sizes, ROTATIONS)
+            self.refiner = SemanticRefiner(config.channels, DEPTH_FIELDS, DepthFields(DEPTH_FIELDS, ROTATIONS))
         else:
-            rotations = 8 if config.encoder == "steerable" else 1
-            self.encoder = ModulatedUNet(RGBD, config.channels, attention, config.widths, rotations)
-        self.refiner = SemanticRefiner(config.channels)
+            self.encoder = UNet(*sizes) if config.encoder == "plain" else ModulatedUNet(*sizes, 1)
+            self.refiner = SemanticRefiner(config.channels)
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
     @property

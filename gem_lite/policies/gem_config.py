@@ -47,7 +47,7 @@ ABLATIONS = {
         "words scale and shift every level of the attention U-Nets' decoders", {"encoder": "modulated"}
     ),
     "with-steerable-encoder": Ablation(
-        "as with-modulated-encoder, and the attention U-Nets commute with rotations", {"encoder": "steerable"}
+        "as with-modulated-encoder, and all features commute with rotations", {"encoder": "steerable"}
     ),
     "with-matched-single-view": Ablation(
         "one view with patches of 87.5 mm: the paper's side-view patches have that width on the table",

@@ -37,6 +37,7 @@ class RegularConvolution(nn.Module):
     def __init__(self, inputs: int, outputs: int, rotations: int, plain: bool) -> None:
         super().__init__()
         space = gspaces.Rot2dOnR2(N=rotations)
+        self._sizes = inputs, outputs, rotations, plain
         self._input = enn.FieldType(space, inputs * [space.trivial_repr if plain else space.regular_repr])
         output = enn.FieldType(space, outputs * [space.regular_repr])
         with warnings.catch_warnings():
@@ -46,6 +47,37 @@ class RegularConvolution(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(B, inputs or inputs * n, H, W) to (B, outputs * n, H, W)."""
         return self.layer(enn.GeometricTensor(x, self._input)).tensor
+
+    def __reduce__(self) -> tuple:
+        return rebuild, (type(self), self._sizes, dict(self.named_parameters()), self.training)
+
+
+def mean_of_fields(x: torch.Tensor, rotations: int) -> torch.Tensor:
+    """(B, fields * n, H, W) to (B, fields, H, W): what no longer knows the turn."""
+    return x.unflatten(1, (-1, rotations)).mean(dim=2)
+
+
+class DepthFields(nn.Module):
+    """The two-layer depth encoder of Eq. 4 with regular fields: its features turn with the heights.
+
+    Args:
+        fields: number of fields, and of features.
+        rotations: n.
+    """
+
+    def __init__(self, fields: int, rotations: int) -> None:
+        super().__init__()
+        self.rotations = rotations
+        self.layers = nn.Sequential(
+            RegularConvolution(1, fields, rotations, plain=True),
+            nn.ReLU(),
+            RegularConvolution(fields, fields, rotations, plain=False),
+            nn.ReLU(),
+        )
+
+    def forward(self, height: torch.Tensor) -> torch.Tensor:
+        """(B, 1, H, W) to (B, fields, H, W)."""
+        return mean_of_fields(self.layers(height), self.rotations)
 
 
 class ModulatedUNet(nn.Module):
@@ -67,7 +99,6 @@ class ModulatedUNet(nn.Module):
         super().__init__()
         if any(width % rotations for width in widths):
             raise ValueError(f"widths must be multiples of {rotations}, one for each rotation, got {tuple(widths)}")
-        self._sizes = inputs, outputs, language_dim, tuple(widths), rotations
         self.rotations = rotations
         fields = [width // rotations for width in widths]
         ups = decoder_widths(fields)
@@ -105,8 +136,4 @@ class ModulatedUNet(nn.Module):
                 of_fields = self.words[level](language).repeat_interleave(self.rotations, dim=1)[:, :, None, None]
                 scale, shift = of_fields.chunk(2, dim=1)
                 x = x * (1 + scale) + shift
-        of_fields = x.unflatten(1, (-1, self.rotations)).mean(dim=2)
-        return self.out(of_fields.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
-
-    def __reduce__(self) -> tuple:
-        return rebuild, (type(self), self._sizes, dict(self.named_parameters()), self.training)
+        return self.out(mean_of_fields(x, self.rotations).permute(0, 2, 3, 1)).permute(0, 3, 1, 2)

@@ -121,11 +121,17 @@ def decoder_widths(widths: Sequence[int]) -> list[int]:
 
 
 class SemanticRefiner(nn.Module):
-    """Eq. 4's f_theta: a two-layer depth encoder joined to the raw map, then one linear layer per pixel."""
+    """Eq. 4's f_theta: a two-layer depth encoder joined to the raw map, then one linear layer per pixel.
 
-    def __init__(self, channels: int, depth_features: int = 8) -> None:
+    Args:
+        channels: of M.
+        depth_features: channels of the depth encoder.
+        encoder: another depth encoder with so many channels, instead of the paper's.
+    """
+
+    def __init__(self, channels: int, depth_features: int = 8, encoder: nn.Module | None = None) -> None:
         super().__init__()
-        self.encoder = nn.Sequential(
+        self.encoder = encoder or nn.Sequential(
             nn.Conv2d(1, depth_features, 3, padding=1),
             nn.ReLU(),
             nn.Conv2d(depth_features, depth_features, 3, padding=1),
