@@ -199,6 +199,7 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
     "worlds": single_tables.worlds,
     "search": single_tables.search,
     "rules": single_tables.rules,
+    "encoders": single_tables.encoders,
 }
 """By the name in a page's comments, what makes the table of the benchmark's rows."""
 OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {

@@ -64,6 +64,14 @@ RULES = (
     ("CLIPort-multi", "all three", "cliport-with-map-rules-multi", "cliport-multi"),
 )
 """A policy, rules of acting, and the methods as which it acts with and without them."""
+ENCODERS = {
+    "gem": "the paper's",
+    "gem-with-modulated-encoder": "words at every level",
+    "gem-with-steerable-encoder": "steerable",
+}
+"""GEM with three encoders, and their titles."""
+ENCODED = ("block-insertion", "align-rope", "assembling-kits-seq-seen-colors")
+"""The tasks on which they are compared."""
 Rows = Sequence[Row]
 """Rows of results."""
 
@@ -132,6 +140,45 @@ def search(rows: Rows) -> str:
             cells.append(" / ".join(cell(row) if row else "" for row in both))
         lines.append([f"{steps}, {rate}", *cells])
     return lines_of(["steps, rate", *(OVERVIEW[name] for name in COMPARED)], lines)
+
+
+def _validated(rows: Rows, method: str, seeds: Sequence[int]) -> str:
+    """The mean on validation episodes of the policies whose test rows have these seeds; a dash if one has none."""
+    means = []
+    for seed in seeds:
+        test = found(rows, method=method, split="test", seed=seed)
+        training = {entry: test[entry] for entry in ("steps", "learning_rate")} if test else {}
+        row = found(rows, method=method, split="val", seed=seed, **training)
+        if row is None:
+            return "-"
+        means.append(row["mean"])
+    return f"{sum(means) / len(means):.1f}"
+
+
+def encoders(rows: Rows) -> str:
+    """GEM with three encoders: a line for each task and number of demonstrations for which two of them were measured.
+
+    A cell has the score on the test episodes, and in brackets the mean on validation episodes. Both are over the
+    training seeds that all measured encoders have.
+    """
+    lines = []
+    for task in ENCODED:
+        of_task = [row for row in rows if row["task"] == task and row["method"] in ENCODERS]
+        for demos in sorted({row["demos"] for row in of_task}):
+            facts = {"demos": demos, "world": "home", "subset": "all", "config": "lite"}
+            alike = [row for row in of_task if facts.items() <= row.items()]
+            seeds = {name: {row["seed"] for row in alike if row["method"] == name} for name in ENCODERS}
+            common = sorted(set.intersection(*filter(None, seeds.values())))
+            if len([name for name in ENCODERS if seeds[name]]) < 2 or not common:
+                continue
+            test = {name: scores(alike, name, demos, common).get(task) for name in ENCODERS}
+            cells = [
+                f"{score_cell(score)} ({_validated(alike, name, common)})" if score else ""
+                for name, score in test.items()
+            ]
+            difference = lead(test["gem-with-steerable-encoder"], test["gem"])
+            lines.append([named(task), str(demos), ", ".join(map(str, common)), *cells, difference])
+    return lines_of(["task", "demonstrations", "seeds", *ENCODERS.values(), "steerable minus the paper's"], lines)
 
 
 def rules(rows: Rows) -> str:
