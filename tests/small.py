@@ -7,7 +7,7 @@ import torch
 from gem_lite.policies import methods
 from gem_lite.policies.gem_config import LITE
 
-SIZES = {"widths": (4, 4, 8, 8), "kernel_widths": (4, 8, 8), "fields": 2, "rotations": 36, "frequency": 4, "angles": 12}
+SIZES = {"widths": (8, 8, 8, 8), "kernel_widths": (4, 8, 8), "fields": 2, "rotations": 36, "frequency": 4, "angles": 12}
 SMALL = dataclasses.replace(LITE, **SIZES, steps=4, batch=1)
 
 

@@ -20,7 +20,10 @@ from gem_lite.policies.networks import parameter_count
 from gem_lite.training import train
 
 D = 16
-WEIGHTS_DIFFER = {"with-free-kernels", "without-language-in-attention", "without-location-code"}
+WEIGHTS_DIFFER = {
+    "with-free-kernels", "without-language-in-attention", "without-location-code", "with-modulated-encoder",
+    "with-steerable-encoder",
+}  # fmt: skip
 """Ablations that change what the networks are made of."""
 WORDS_DIFFER = {"without-parsing", "without-location-code"}
 """Ablations that change the words which the networks get."""

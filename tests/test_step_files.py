@@ -226,6 +226,7 @@ def test_an_entry_that_decides_inputs_gives_other_steps_a_place_of_their_own():
 def test_ablations_share_the_steps_if_they_change_nothing_before_the_training():
     sharing = {ending for ending in gem_config.ABLATIONS if small("gem").ablated(ending).inputs == small("gem").inputs}
     assert sharing == {
+        "with-modulated-encoder", "with-steerable-encoder",
         "without-steerable-kernel", "with-free-kernels", "without-recoloring", "without-language-in-attention",
         "without-rotation-augmentation", "without-map-scaling", "without-peak", "without-empty-spots",
     }  # fmt: skip
