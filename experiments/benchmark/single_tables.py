@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import summaries
@@ -72,6 +73,8 @@ ENCODERS = {
 """GEM with three encoders, and their titles."""
 ENCODED = ("block-insertion", "align-rope", "assembling-kits-seq-seen-colors")
 """The tasks on which they are compared."""
+COUNTS = (1, 3, 5, 10, 100)
+"""The numbers of demonstrations with which they are compared."""
 Rows = Sequence[Row]
 """Rows of results."""
 
@@ -156,28 +159,25 @@ def _validated(rows: Rows, method: str, seeds: Sequence[int]) -> str:
 
 
 def encoders(rows: Rows) -> str:
-    """GEM with three encoders: a line for each task and number of demonstrations for which two of them were measured.
+    """GEM with three encoders: a line for each task and number of demonstrations with which two of them were tested.
 
     A cell has the score on the test episodes, and in brackets the mean on validation episodes. Both are over the
-    training seeds that all measured encoders have.
+    training seeds that all tested encoders have.
     """
     lines = []
-    for task in ENCODED:
-        of_task = [row for row in rows if row["task"] == task and row["method"] in ENCODERS]
-        for demos in sorted({row["demos"] for row in of_task}):
-            facts = {"demos": demos, "world": "home", "subset": "all", "config": "lite"}
-            alike = [row for row in of_task if facts.items() <= row.items()]
-            seeds = {name: {row["seed"] for row in alike if row["method"] == name} for name in ENCODERS}
-            common = sorted(set.intersection(*filter(None, seeds.values())))
-            if len([name for name in ENCODERS if seeds[name]]) < 2 or not common:
-                continue
-            test = {name: scores(alike, name, demos, common).get(task) for name in ENCODERS}
-            cells = [
-                f"{score_cell(score)} ({_validated(alike, name, common)})" if score else ""
-                for name, score in test.items()
-            ]
-            difference = lead(test["gem-with-steerable-encoder"], test["gem"])
-            lines.append([named(task), str(demos), ", ".join(map(str, common)), *cells, difference])
+    home = {"world": "home", "subset": "all", "config": "lite"}
+    for task, demos in itertools.product(ENCODED, COUNTS):
+        alike = [row for row in rows if (home | {"task": task, "demos": demos}).items() <= row.items()]
+        tests = [row for row in alike if row["split"] == "test"]
+        tested = {name: {row["seed"] for row in tests if row["method"] == name} for name in ENCODERS}
+        tested = {name: seeds for name, seeds in tested.items() if seeds}
+        common = sorted(set.intersection(*tested.values())) if len(tested) > 1 else []
+        if common:
+            pooled = {name: scores(alike, name, demos, common)[task] for name in tested}
+            texts = {name: f"{score_cell(score)} ({_validated(alike, name, common)})" for name, score in pooled.items()}
+            difference = lead(pooled.get("gem-with-steerable-encoder"), pooled.get("gem"))
+            cells = [*(texts.get(name, "") for name in ENCODERS), difference]
+            lines.append([named(task), str(demos), ", ".join(map(str, common)), *cells])
     return lines_of(["task", "demonstrations", "seeds", *ENCODERS.values(), "steerable minus the paper's"], lines)
 
 

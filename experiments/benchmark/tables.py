@@ -15,7 +15,7 @@ Row = dict[str, Any]
 """A row of results, see `gem_lite.evaluation.results`."""
 MARK = "†"
 """Behind a number of rows that are outdated (`results.is_outdated`)."""
-NOTE = f"{MARK} Measured by an earlier version of this library, in which policies acted by other rules."
+NOTE = f"{MARK} Measured by an earlier version of this library: other rules of acting, or other heights."
 """Below a table with a `MARK`."""
 Table = dict[str, dict[str, Row]]
 """The rows by column and task. A column is a method with its number of demonstrations and its training seed."""

@@ -168,7 +168,7 @@ def show_peak_rule(
     Args:
         cases: title, picture (H, W, 3), map (H, W), allowed cells (H, W) bool, and the picks without and with the rule.
     """
-    fig = plt.figure(figsize=(7.8, 3.2 * len(cases)), layout="constrained", dpi=DPI)
+    fig = plt.figure(figsize=(7.8, 3.4 * len(cases)), layout="constrained", dpi=DPI)
     rows = fig.subfigures(len(cases), 1, squeeze=False)[:, 0]
     # Quarters of cells, so that an outline has the corners of the cells.
     quarters = [np.arange(4 * side) / 4 - 0.375 for side in workspace.shape]
@@ -201,7 +201,8 @@ def show_peak_rule(
             ax.set_title(name, fontsize=9)
         row_fig.colorbar(image, ax=axes[3], shrink=0.7, label="map")
     # The map's panel has all three entries. One of them is a white line.
-    rows[-1].axes[1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.02), facecolor="0.6")
+    entries = rows[-1].axes[1].get_legend_handles_labels()
+    fig.legend(*entries, fontsize=8, loc="outside lower center", ncols=3, facecolor="0.6")
     return fig
 
 

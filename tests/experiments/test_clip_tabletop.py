@@ -34,7 +34,7 @@ def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(mod
 
 def test_zero_shot_on_fresh_renders(model, jobs_here):
     # Seeds that neither training nor the card used, and proportions of objects that training never showed.
-    crops = crop_files.render_crops(5, seed=77, kind="test")
+    crops = crop_files.render_crops(10, seed=77, kind="test")
     found = card.accuracy(model, crops.select(crops.whole))
     assert found["crops"] > 120
     assert found["color"] >= 98
@@ -42,7 +42,7 @@ def test_zero_shot_on_fresh_renders(model, jobs_here):
     assert found["both"] >= 90
     reworded = card.accuracy(model, crops.select(crops.whole), synonyms=True)
     assert all(reworded[key] >= found[key] - 5 for key in ("color", "shape", "both"))
-    assert card.part_accuracy(model, crops)["own"] >= 87  # its card says 90.7, on other scenes and more of them
+    assert card.part_accuracy(model, crops)["own"] >= 90
     # Labels shifted by one colour: every colour and pair must be wrong, the shapes stay right.
     crops = crops.select(crops.whole & (crops.shape >= 0))
     crops.color = np.where(crops.color < 0, -1, (crops.color + 1) % len(COLOR_NAMES))
