@@ -2,11 +2,11 @@
 
 import pytest
 import torch
+from small import small
 
 from experiments.encoders.__main__ import largest_errors
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.inputs import Inputs
-from small import small
 
 
 @pytest.mark.parametrize(("encoder", "exact"), [("steerable", True), ("plain", False)])
