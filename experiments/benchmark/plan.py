@@ -167,7 +167,11 @@ class Plan:
         return cls(yaml.safe_load(FILE.read_text()), clip_name)
 
     def tier(self, name: str) -> list[Cell]:
-        """The test cells of a tier, each once. Raises ValueError if the plan has no such tier."""
+        """The cells of a tier, each once; of test episodes, where a group names no other split.
+
+        Raises:
+            ValueError: the plan has no such tier.
+        """
         tiers = self._content["tiers"]
         if name not in tiers:
             raise ValueError(f"tier must be one of {', '.join(tiers)}, got {name!r}")
@@ -190,6 +194,7 @@ class Plan:
         """The cells of one entry of a tier: all combinations of its methods, tasks, demos, seeds and worlds."""
         wanted = {"paper": tasks.PAPER, "all": (*tasks.PAPER, *OURS)}.get(str(group["tasks"])) or group["tasks"]
         episodes = group.get("episodes", 50)
+        split = group.get("split", "test")
         for method in group["methods"]:
             if method in actors.SCRIPTED:
                 for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
@@ -202,8 +207,8 @@ class Plan:
             for demos, seed, task, world in itertools.product(group["demos"], seeds, wanted, named):
                 # A method that differs from another by rules of acting alone has the other's policy.
                 training = self._training(methods.trained(method), task, demos, seed, group.get("steps"))
-                skipped = self.skipped.get(task, ())
-                yield Cell(method, task, training, episodes=episodes, skipped=skipped, world=world)
+                skipped = self.skipped.get(task, ()) if split == "test" else ()
+                yield Cell(method, task, training, split, episodes, skipped=skipped, world=world)
 
     def _training(self, method: str, task: str, demos: int, seed: int, steps: int | None) -> Training:
         """The training of a cell. ``steps`` takes the place of the number that the search chose."""

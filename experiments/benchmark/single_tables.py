@@ -133,7 +133,7 @@ def worlds(rows: Rows) -> str:
 
 def search(rows: Rows) -> str:
     """Every trial of the search, on validation episodes: the bowls / the pyramid."""
-    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all"]
+    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all" and row["task"] in MOVED[:2]]
     lines = []
     for steps, rate in sorted({(row["steps"], row["learning_rate"]) for row in trials}):
         cells = []
