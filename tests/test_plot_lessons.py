@@ -100,7 +100,7 @@ def test_the_rule_is_outlined_and_both_picks_are_in_sight():
         for pose in (other, POSE):
             row, col = W.to_pixel(pose.x, pose.y)
             assert ax.get_xlim()[0] < col < ax.get_xlim()[1] and ax.get_ylim()[1] < row < ax.get_ylim()[0]
-    labels = [text.get_text() for text in below.get_legend().get_texts()]
+    labels = [text.get_text() for text in fig.legends[0].get_texts()]
     assert labels == ["allowed cells", "without the rule", "with the rule"]
 
 
