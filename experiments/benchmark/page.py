@@ -203,6 +203,8 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
 }
 """By the name in a page's comments, what makes the table of the benchmark's rows."""
 OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {
+    "heights": ("shipped", single_tables.heights),
+    "kinect": ("shipped", single_tables.kinects),
     "two tables": ("object-sorting", single_tables.two_tables),
     "own table": ("own-table", single_tables.own_table),
     "refusals": ("own-table", single_tables.refusals),

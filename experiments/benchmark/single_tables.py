@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
 import summaries
 from summaries import COMPARED, Score, scores
 
 from experiments.benchmark.tables import MARK, Row, cell, interval_text, lines_of
-from gem_lite.evaluation.statistics import Difference
-from gem_lite.tasks import PAPER
+from gem_lite.evaluation import results
+from gem_lite.evaluation.statistics import Difference, mean_and_interval, paired_difference
+from gem_lite.tasks import PAPER, family
 
 OVERVIEW = {
     "gem": "GEM",
@@ -39,6 +41,12 @@ WORLDS = {
     "touching": "touching: bodies that touch each other",
 }
 """Worlds, and their titles."""
+KINECTS = {
+    "home": "home",
+    "kinect": "kinect: three depth cameras that err, a lamp that was put up anew",
+    "kinect-hard": "kinect-hard: the same with larger errors",
+}
+"""The worlds of a real cell's cameras, and their titles."""
 MOVED = ("put-block-in-bowl-seen-colors", "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen")
 """The tasks that are measured in other worlds."""
 ERRORS = {
@@ -129,6 +137,37 @@ def worlds(rows: Rows) -> str:
     """GEM in other worlds."""
     lines = [[title, *(at_home(rows, "gem", task, world=world) for task in MOVED)] for world, title in WORLDS.items()]
     return lines_of(["world", *map(named, MOVED)], lines)
+
+
+def kinects(rows: Rows) -> str:
+    """Two shipped policies, measured before real cameras' errors."""
+    pair = (MOVED[0], MOVED[2])
+    lines = [[title, *(at_home(rows, "gem", task, world=world) for task in pair)] for world, title in KINECTS.items()]
+    return lines_of(["world", *map(named, pair)], lines)
+
+
+def _played(row: Row) -> tuple:
+    """What the rows of one policy on the same episodes share."""
+    return (row["checkpoint_sha256"], row["task"], row["world"], *row["rewards"])
+
+
+def heights(rows: Rows) -> str:
+    """Shipped policies measured again: by family of tasks, the benchmark's rows of the same weights beside ``rows``."""
+    benchmark = {_played(row): row for row in results.stored_rows()}
+    rewards: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
+    for row in rows:
+        if earlier_row := benchmark.get(_played(row)):
+            earlier, now = rewards.setdefault((row["method"], family(row["task"])), ([], []))
+            earlier += earlier_row["rewards"].values()
+            now += row["rewards"].values()
+    lines = []
+    for (method, name), (earlier, now) in sorted(rewards.items()):
+        difference = paired_difference(now, earlier)
+        means = [interval_text(*mean_and_interval(side)) for side in (earlier, now)]
+        changed = sum(np.not_equal(earlier, now))
+        cells = [*means, interval_text(difference.mean, difference.interval, "+"), str(changed)]
+        lines.append([OVERVIEW[method], name, str(len(now)), *cells])
+    return lines_of(["policy", "family", "episodes", "earlier", "now", "now minus earlier", "other rewards"], lines)
 
 
 def search(rows: Rows) -> str:
