@@ -148,14 +148,14 @@ def kinects(rows: Rows) -> str:
 
 def _played(row: Row) -> tuple:
     """What the rows of one policy on the same episodes share."""
-    return (row["checkpoint_sha256"], row["task"], row["world"], *row["rewards"])
+    return (row["method"], row["checkpoint_sha256"], row["task"], row["world"], *row["rewards"])
 
 
 def heights(rows: Rows) -> str:
     """Shipped policies measured again: by family of tasks, the benchmark's rows of the same weights beside ``rows``."""
     benchmark = {_played(row): row for row in results.stored_rows()}
     rewards: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
-    for row in rows:
+    for row in (row for row in rows if row["subset"] == "all"):
         if earlier_row := benchmark.get(_played(row)):
             earlier, now = rewards.setdefault((row["method"], family(row["task"])), ([], []))
             earlier += earlier_row["rewards"].values()

@@ -121,3 +121,33 @@ def test_scaling_is_over_the_tasks_that_have_every_number():
     assert axes.get_ylabel() == "mean over 2 tasks"
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["gem", "cliport"]
     plt.close(figure)
+
+
+def test_new_heights_are_compared_on_the_same_episodes_of_the_same_weights():
+    rows = results.read_rows(results.RESULTS / "shipped.jsonl")
+    lines = {(method, family): texts for method, family, *texts in cells_of_lines("heights")}
+    both_variants = ("put-block-in-bowl-seen-colors", "put-block-in-bowl-unseen-colors")
+    now = [
+        row for row in rows if row["method"] == "gem-multi" and row["task"] in both_variants and row["subset"] == "all"
+    ]
+    earlier = [
+        row
+        for row in results.stored_rows()
+        if row["method"] == "gem-multi"
+        and row["task"] in both_variants
+        and row["demos"] == 10
+        and row["subset"] == "all"
+    ]
+    assert {row["checkpoint_sha256"] for row in now} == {row["checkpoint_sha256"] for row in earlier}
+    means = [sum(row["mean"] for row in side) / 2 for side in (earlier, now)]
+    episodes, before, after, difference, _ = lines["GEM-multi", "put-block-in-bowl"]
+    assert episodes == "100"
+    assert [float(text.split()[0]) for text in (before, after)] == pytest.approx(means, abs=0.06)
+    assert float(difference.split()[0]) == pytest.approx(means[1] - means[0], abs=0.11)
+
+
+def cells_of_lines(name):
+    """The cells of each line of a table of the page, without its head."""
+    table = PAGE.split(f"<!-- {name} -->\n")[1].split("<!-- end")[0]
+    split = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("|")]
+    return split[2:]
