@@ -81,7 +81,7 @@ ENCODERS = {
 """GEM with three encoders, and their titles."""
 ENCODED = ("block-insertion", "align-rope", "assembling-kits-seq-seen-colors")
 """The tasks on which they are compared."""
-COUNTS = (1, 3, 5, 10, 100)
+COUNTS = (1, 3, 5, 10, 20, 50, 100)
 """The numbers of demonstrations with which they are compared."""
 Rows = Sequence[Row]
 """Rows of results."""
