@@ -333,7 +333,7 @@ def test_the_same_loop_trains_and_checkpoints_bring_back_the_method(name, traine
     assert checkpoints.read_card(tmp_path / "policy.safetensors")["method"] == name
     step = demo_set[1][0].steps[0]
     before, after = (one.decide(step.observation, step.instruction) for one in (policy, loaded))
-    assert np.array_equal(before.place_logits, after.place_logits)
+    assert np.allclose(before.place_logits, after.place_logits, atol=1e-4)
 
 
 def test_a_missing_view_is_named(model, demo_set):

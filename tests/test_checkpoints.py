@@ -123,8 +123,9 @@ def test_a_copy_of_a_policy_decides_as_it_does(policy, decided, way, training):
     copied = COPIES[way](policy)
     assert same(copied, policy) and copied.training == training
     found = copied.decide(observation, SENTENCE)
-    assert np.array_equal(found.pick_logits, choice.pick_logits)
-    assert np.array_equal(found.place_logits, choice.place_logits) and found.action == choice.action
+    # Not to the last bit: torch rounds attention differently at other places in memory.
+    assert np.allclose(found.pick_logits, choice.pick_logits, atol=1e-4)
+    assert np.allclose(found.place_logits, choice.place_logits, atol=1e-4) and found.action == choice.action
     copied.train()
     with torch.no_grad():
         for weight in copied.parameters():

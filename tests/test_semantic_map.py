@@ -113,7 +113,8 @@ def test_what_lies_outside_the_workspace_changes_no_map(scene_and_truth, model):
     views = [dataclasses.replace(view, rgb=np.where(kept[..., None], view.rgb, noise)) for view, kept in pairs]
     other = semantic_map.embed_scene(views, model, LITE)
     before, after = (semantic_map.text_conditioned_map(s, "red block", model) for s in (scene, other))
-    assert np.array_equal(before, after)
+    # Not to the last bit: torch rounds attention differently at other places in memory.
+    assert np.allclose(before, after, atol=1e-5)
     assert np.array_equal(paint_outside(views[0].rgb, np.zeros(views[0].rgb.shape[:2], bool)), views[0].rgb)
 
 
