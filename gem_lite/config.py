@@ -200,6 +200,8 @@ class Config(InputConfig):
         name: the preset from which it was made.
         angles: how many angles are sampled at the output.
         empty_radius: how far (m) a pick keeps away from poses where the tool has just grasped nothing.
+        joint_picks: for how many of the best picks the best place is computed; the act with the largest product of
+            both probabilities is chosen (A.1.6). With 1, the best pick comes first, and then its place.
         turn: whether training turns scenes; it always shifts them.
         steps, batch, learning_rate: training.
         ablations: the `ABLATIONS` from which it was made (`ablated`). They become part of the method's name; the same
@@ -218,13 +220,14 @@ class Config(InputConfig):
     """The entries that each preset changes, by its name."""
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = SHARED_ENDINGS
     """Endings of a method's name (A.2), in the order in which a name holds several."""
-    ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius"})
+    ACTING: ClassVar[frozenset[str]] = frozenset({"empty_radius", "joint_picks"})
     """The entries that only rules of acting read, or that a rule also has in training: no weight depends on their form,
     so a trained policy can act with other values (`Policy.act_as`)."""
 
     name: str = entry("lite", TEXT)
     angles: int = entry(36, COUNT)
     empty_radius: float = entry(0.0125, RADIUS)
+    joint_picks: int = entry(1, COUNT, added=True)
     turn: bool = entry(True, FLAG)
     steps: int = entry(1500, COUNT)
     batch: int = entry(2, COUNT)

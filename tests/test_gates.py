@@ -12,7 +12,7 @@ from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.choosing import Gate, gated, near_peak, untried
+from gem_lite.policies.choosing import Gate, best_cells, gated, log_probability, near_peak, untried
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import Inputs
@@ -212,3 +212,37 @@ def test_one_pick_angle_is_yaw_0(name, monkeypatch):
     chosen = choose(policy, monkeypatch, scores_at((0, 40, 40, 2.0))[:, :1], place)
     assert chosen.action.pick.yaw == 0
     assert chosen.action.delta == pytest.approx(np.pi / 2)
+
+
+# The product rule (A.1.6): p(pick) p(place | pick).
+
+
+def test_the_joint_choice_takes_the_second_pick_if_its_place_is_surer(monkeypatch):
+    pick = scores_at((0, 40, 40, 12.0), (0, 80, 20, 11.5))  # nearly the same
+    unsure = scores_at((0, 100, 60, 8.0), (0, 20, 20, 8.0), (0, 20, 60, 8.0))
+    sure = scores_at((0, 100, 60, 20.0))
+    asked = []
+
+    def places(inputs, table, pixel):
+        asked.append(pixel)
+        return sure if pixel == (80, 20) else unsure
+
+    for name, expected, scored in (("gem", (40, 40), 1), ("gem-with-joint-choice", (80, 20), 8)):
+        policy = policy_of(name, peak_margin=None)
+        monkeypatch.setattr(policy, "score_picks", lambda inputs: pick)
+        monkeypatch.setattr(policy, "score_places", places)
+        asked.clear()
+        chosen = policy.choose("", Queries("block", "square"), FROM_ABOVE, Inputs(rgbd=torch.zeros(4, *SHAPE)))
+        assert chosen.pick_cell[1:] == expected and len(asked) == scored
+    assert chosen.place_cell == (0, 100, 60), "the place belongs to the pick that was chosen"
+
+
+def test_the_best_cells_lie_apart_and_a_probability_sums_over_what_is_allowed():
+    logits = scores_at((0, 40, 40, 3.0), (1, 41, 40, 2.5), (0, 43, 40, 2.0), (0, 90, 10, 1.0))
+    cells = [cell for _, cell in best_cells(logits, EVERYWHERE[None, None], 3, 3)]
+    assert cells == [(0, 40, 40), (0, 43, 40), (0, 90, 10)]
+    allowed = torch.zeros(logits.shape, dtype=torch.bool)
+    allowed[0, 0, 40, 40] = allowed[0, 0, 90, 10] = True
+    assert len(best_cells(logits, allowed, 8, 3)) == 2
+    first, second = (log_probability(logits, allowed, 0, cell) for cell in ((0, 40, 40), (0, 90, 10)))
+    assert first - second == pytest.approx(2.0) and np.exp(first) + np.exp(second) == pytest.approx(1.0)

@@ -21,7 +21,9 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 GROUPS = PROJECT["project"]["optional-dependencies"]
 ROBOT = next(c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"] == "forbidden")["source_modules"]
 """The modules that know no simulator."""
-GROUP_OF = {"gem_lite.drawing": "notebooks", "gem_lite.cli": "demo", "gem_lite.training": "table"}
+GROUP_OF = {
+    "gem_lite.language": "words", "gem_lite.drawing": "notebooks", "gem_lite.cli": "demo", "gem_lite.training": "table",
+}  # fmt: skip
 """What these packages need. The others need "core" without the simulator, and "sim" with it."""
 POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl-seen-colors-10"
 ACT = f"""

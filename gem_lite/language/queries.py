@@ -67,3 +67,23 @@ Parser = Callable[[str], Queries | tuple[Queries, ...]]
 ValueError for an instruction that it refuses."""
 PARSERS: Registry[Parser] = Registry("parser")
 """Parsers by the names that configurations hold."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a robot should ask back, since it did not understand a sentence.
+
+    Attributes:
+        text: for the person who said the sentence.
+    """
+
+    text: str
+
+
+def understand(sentence: str, parser: Parser) -> tuple[Queries, ...] | Question:
+    """The queries of a sentence's goals, or a question: a value for a robot's program, which need not read texts."""
+    try:
+        parsed = parser(sentence)
+    except ValueError as reason:
+        return Question(str(reason))
+    return (parsed,) if isinstance(parsed, Queries) else parsed

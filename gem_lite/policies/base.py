@@ -27,7 +27,17 @@ from gem_lite.language import ImageQuery, Queries, Query
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
-from gem_lite.policies.choosing import Choice, Gate, TablesChoice, best_cell, gated, unmoved, untried
+from gem_lite.policies.choosing import (
+    Choice,
+    Gate,
+    TablesChoice,
+    best_cell,
+    best_cells,
+    gated,
+    log_probability,
+    unmoved,
+    untried,
+)
 from gem_lite.policies.inputs import (
     Cell,
     Inputs,
@@ -67,6 +77,8 @@ class _Methods(Registry[type["Policy"]]):
 
 METHODS = _Methods("method")
 """Methods by their names, without ablations."""
+PICKS_APART = 3
+"""Picks that are compared with each other are at least this far (cells) apart."""
 
 
 class Policy(nn.Module, ABC, Generic[SceneT]):
@@ -341,6 +353,9 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
     ) -> TablesChoice:  # fmt: skip
         """The best pick over all tables, then the best place for it.
 
+        With `Config.joint_picks` above 1, the product rule (A.1.6): p(pick) p(place | pick) is computed for several
+        picks with the best place of each, and the act with the largest product is chosen.
+
         Both lie in cells that a camera saw. A pick keeps away from empty picks, as long as that leaves a cell. Pick and
         place keep to their ``gates``. No act ends where it begins: a push ends in another cell, a pick and place in
         another cell or turned. A push stays on its table.
@@ -355,15 +370,21 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         try:
             pick_logits = self.score_picks(inputs).cpu()
             pickable = gated(gates, "pick", untried(empty_picks, self.config, seen))
-            pick_table, pick_cell = best_cell(pick_logits, pickable[:, None])
-            place_logits = self.score_places(inputs, pick_table, pick_cell[1:]).cpu()
+            picks = best_cells(pick_logits, pickable[:, None], self.config.joint_picks, PICKS_APART)
+            acts = []
+            for pick_table, pick_cell in picks:
+                place_logits = self.score_places(inputs, pick_table, pick_cell[1:]).cpu()
+                placeable = gated(gates, "place", seen)[:, None].repeat(1, place_logits.shape[1], 1, 1)
+                placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
+                if queries.push:  # A blade does not leave its table.
+                    placeable[torch.arange(len(tables)) != pick_table] = False
+                place_table, place_cell = best_cell(place_logits, placeable)
+                product = log_probability(pick_logits, pickable[:, None], pick_table, pick_cell)
+                product += log_probability(place_logits, placeable, place_table, place_cell)
+                acts.append((product, pick_table, pick_cell, place_logits, place_table, place_cell))
         finally:
             self.train(training)
-        placeable = gated(gates, "place", seen)[:, None].repeat(1, place_logits.shape[1], 1, 1)
-        placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
-        if queries.push:  # A blade does not leave its table.
-            placeable[torch.arange(len(tables)) != pick_table] = False
-        place_table, place_cell = best_cell(place_logits, placeable)
+        _, pick_table, pick_cell, place_logits, place_table, place_cell = max(acts, key=lambda act: act[0])
         workspace = self.config.workspace
         pick = Pose2(*workspace.to_world(*pick_cell[1:]), angle_bins(pick_logits.shape[1])[pick_cell[0]])
         # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.

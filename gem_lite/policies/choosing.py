@@ -190,3 +190,28 @@ def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, tuple[i
     panorama = stitch(logits.masked_fill(~allowed, -torch.inf))
     angle, row, column = np.unravel_index(int(panorama.argmax()), panorama.shape)
     return split((int(angle), int(row), int(column)), logits.shape[-1])
+
+
+def best_cells(
+    logits: torch.Tensor, allowed: torch.Tensor, count: int, apart: float
+) -> list[tuple[int, tuple[int, int, int]]]:  # fmt: skip
+    """As `best_cell`, the ``count`` best ones, at least ``apart`` (cells) from each other on one table.
+
+    There are fewer if no other cell is allowed. Neighbours of a chosen cell are left out: they are the same pick.
+    """
+    left = allowed.expand(logits.shape).clone()
+    rows, columns = torch.meshgrid(*map(torch.arange, logits.shape[-2:]), indexing="ij")
+    found: list[tuple[int, tuple[int, int, int]]] = []
+    while len(found) < count and left.any():
+        table, cell = best_cell(logits, left)
+        found.append((table, cell))
+        left[table] &= torch.hypot(rows - float(cell[1]), columns - float(cell[2])) >= apart
+    return found
+
+
+def log_probability(
+    logits: torch.Tensor, allowed: torch.Tensor, table: int, cell: tuple[int, int, int]
+) -> float:  # fmt: skip
+    """The log-probability of a table's cell: the softmax of the logits (N, R, H, W) over all that is ``allowed``."""
+    kept = logits.masked_fill(~allowed, -torch.inf)
+    return float(kept[(table, *cell)] - kept.flatten().logsumexp(dim=0))

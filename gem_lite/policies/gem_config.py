@@ -61,13 +61,14 @@ ABLATIONS = {
     "without-location-code": SHARED_ABLATIONS["without-location-code"],
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
+    "with-joint-choice": Ablation("pick and place are chosen together, among the 8 best picks", {"joint_picks": 8}),
 }
 """Endings of GEM's name (A.2), in the order in which a name holds several.
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots; and two other
-encoders."""
+off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots; two other
+encoders; and the product rule of A.1.6 over several picks."""
 
 
 @dataclass(frozen=True)
