@@ -6,10 +6,11 @@
 
 from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
 from gem_lite.language.phrases import LOCATION_CODE_LENGTH, conjuncts, location_code, location_in_front, split_location
-from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query
+from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query, Question, understand
 from gem_lite.language.word_lists import PLACING, VERBS
 
 __all__ = [
     "EXAMPLE", "LOCATION_CODE_LENGTH", "PARSERS", "PLACING", "VERBS", "ImageQuery", "Parser", "Queries", "Query",
-    "conjuncts", "location_code", "location_in_front", "parse", "parse_thing", "split_location",
+    "Question", "conjuncts", "location_code", "location_in_front", "parse", "parse_thing", "split_location",
+    "understand",
 ]  # fmt: skip

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+import filelock
 import numpy as np
 import torch
 
-from gem_lite.foundations.files import write_atomically, writing
+from gem_lite.foundations.files import write_atomically
 
 os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
 
@@ -208,15 +209,21 @@ def _from_folder(name: str, folder: Path | str, offline: bool = True) -> CausalM
 
 
 def cache_folder() -> Path:
-    """Where converted weights are kept: the user's cache."""
+    """Where converted weights are kept: ``GEM_LITE_CACHE``, or a folder in the user's cache."""
+    given = os.environ.get("GEM_LITE_CACHE")
+    if given:
+        return Path(given)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gem_lite"
 
 
 def _converted() -> Path:
     """The folder with the small model's converted weights; the first call makes it."""
     folder = cache_folder() / f"{SMALL}-{SMALL_SUM[:12]}"
-    if not _intact(folder):
-        with writing(folder):
+    if _intact(folder):
+        return folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with filelock.FileLock(f"{folder}.lock"):  # Another process may be converting: wait for it.
+        if not _intact(folder):
             _convert(_packaged(), folder)
     return folder
 
@@ -251,7 +258,7 @@ def _convert(path: Path, folder: Path) -> None:
     tokenizer = transformers.AutoTokenizer.from_pretrained(source, gguf_file=name)
     config = transformers.AutoConfig.from_pretrained(source, gguf_file=name)
     with contextlib.redirect_stderr(io.StringIO()):  # a bar of its own for each tensor
-        quantized = transformers.AutoModelForCausalLM.from_pretrained(source, gguf_file=name, dtype=torch.float16)
+        quantized = transformers.AutoModelForCausalLM.from_pretrained(source, gguf_file=name, dtype=torch.float32)
     model = transformers.AutoModelForCausalLM.from_config(config, dtype=torch.float16)
     model.load_state_dict(quantized.state_dict())  # A quantized model refuses to be saved in another form.
     tokenizer.save_pretrained(folder)
