@@ -20,6 +20,7 @@ from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import PLATEAU, plateau_centre
 from gem_lite.maps.things import things
 from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.se2 import Length, Workspace
 
 HALF = 0.05
 """Half the length (m) of a thing that is put down: so far from the middle of the place, everything is free. A block
@@ -61,10 +62,6 @@ def place_map(
     Raises:
         ValueError: an unknown relation, or a wrong number of maps.
     """
-    if relation not in (*DIRECTIONS, BESIDE, language.BETWEEN):
-        raise ValueError(
-            f"relation must be one of {', '.join(dict.fromkeys(language.RELATIONS.values()))}, got {relation!r}"
-        )
     if len(anchors) != language.anchor_count(relation):
         raise ValueError(f"anchors must be {language.anchor_count(relation)} for {relation!r}, got {len(anchors)}")
     nothing = np.zeros(heightmap.workspace.shape, np.float32)
@@ -72,13 +69,18 @@ def place_map(
     if peak <= 0 or any(semantic.max() - np.median(semantic) <= PLATEAU for semantic in anchors):
         return nothing
     masks = [thing_at_peak(semantic, heightmap, config) for semantic in anchors]
-    fitting = between(masks, heightmap) if relation == language.BETWEEN else beside(relation, masks[0], heightmap)
-    places = fitting & free_table(masks, heightmap)
-    if not places.any():
-        return nothing
+    rising, flat = things(heightmap)
+    covered = np.zeros(heightmap.seen.shape, bool)
+    for mask in (*masks, *rising, *flat):
+        covered |= ndimage.binary_fill_holes(mask)
+    places = free_places(relation, masks, covered, heightmap.workspace) & heightmap.seen
+    return peak * graded(places) if places.any() else nothing
+
+
+def graded(places: np.ndarray) -> np.ndarray:
+    """Free places (H, W) bool, at least one of them, as a map (H, W) float32: 1 where there is most room, 0 outside."""
     room = ndimage.distance_transform_edt(places)
-    shares = LOWEST_VALUE + (1 - LOWEST_VALUE) * room / room.max()
-    return np.where(places, peak * shares, 0).astype(np.float32)
+    return np.where(places, LOWEST_VALUE + (1 - LOWEST_VALUE) * room / room.max(), 0).astype(np.float32)
 
 
 def no_free_place(query: str) -> str:
@@ -105,49 +107,56 @@ def thing_at_peak(semantic: np.ndarray, heightmap: HeightMap, config: PatchConfi
     return plateaus == plateaus[tuple(nearest)]
 
 
-def beside(relation: str, anchor: np.ndarray, heightmap: HeightMap) -> np.ndarray:
-    """The cells (H, W) bool at a fitting distance from a thing's cells, in one of the directions of a relation."""
-    pixel = heightmap.workspace.pixel
-    distance = ndimage.distance_transform_edt(~anchor) * pixel
-    band = (distance >= HALF + GAP) & (distance <= HALF + GAP + WIDTH)
-    directions = DIRECTIONS.values() if relation == BESIDE else [DIRECTIONS[relation]]
+def free_places(
+    relation: str, anchors: Sequence[np.ndarray], covered: np.ndarray, workspace: Workspace
+) -> np.ndarray:  # fmt: skip
+    """The cells (H, W) bool of free table at a fitting distance from things.
+
+    Args:
+        anchors: the cells (H, W) bool of each thing of the relation.
+        covered: (H, W) bool, the cells of all things.
+
+    Raises:
+        ValueError: an unknown relation.
+    """
+    if relation not in (*DIRECTIONS, BESIDE, language.BETWEEN):
+        allowed = ", ".join(dict.fromkeys(language.RELATIONS.values()))
+        raise ValueError(f"relation must be one of {allowed}, got {relation!r}")
+    x, y = workspace.to_world(*np.indices(workspace.shape))
+    far = ndimage.distance_transform_edt(~covered) * workspace.pixel >= HALF + GAP
+    free = far & workspace.contains(x, y, HALF)
+    return free & (_between(anchors, x, y) if relation == language.BETWEEN else _beside(relation, anchors[0], x, y))
+
+
+def _beside(relation: str, anchor: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The cells of the band around a thing, in the directions of a relation; x and y are those of the cells."""
+    distance = ndimage.distance_transform_edt(~anchor) * abs(x[0, 1] - x[0, 0])
     sectors = np.zeros(anchor.shape, bool)
-    x, y = cells_in_world(heightmap)
-    for step_x, step_y in directions:
+    for step_x, step_y in DIRECTIONS.values() if relation == BESIDE else [DIRECTIONS[relation]]:
         along = step_x * x + step_y * y
-        across = np.abs(step_y * x - step_x * y - (step_y * x - step_x * y)[anchor].mean())
-        beyond = along > along[anchor].max()
-        sectors |= beyond & (across <= math.tan(SECTOR) * (along - along[anchor].mean()))
-    return band & sectors
+        across = step_y * x - step_x * y
+        off = np.abs(across - across[anchor].mean())
+        in_sector = off <= math.tan(SECTOR) * (along - along[anchor].mean())
+        sectors |= in_sector & (along > along[anchor].max())
+    return sectors & (distance <= HALF + GAP + WIDTH)
 
 
-def between(anchors: Sequence[np.ndarray], heightmap: HeightMap) -> np.ndarray:
-    """The cells (H, W) bool around the middle of the line from one thing to another; none if both are the same."""
-    x, y = cells_in_world(heightmap)
-    (x_start, x_end), (y_start, y_end) = ([axis[anchor].mean() for anchor in anchors] for axis in (x, y))
-    length = math.hypot(x_end - x_start, y_end - y_start)
-    if length < heightmap.workspace.pixel:
+def _between(anchors: Sequence[np.ndarray], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The cells around the middle of the line from one thing to another; none if both are the same."""
+    start, end = (np.array([x[anchor].mean(), y[anchor].mean()]) for anchor in anchors)
+    if np.array_equal(start, end):
         return np.zeros(x.shape, bool)
-    along = ((x - x_start) * (x_end - x_start) + (y - y_start) * (y_end - y_start)) / length
-    across = ((x - x_start) * (y_end - y_start) - (y - y_start) * (x_end - x_start)) / length
+    share, off = along_line(x, y, start, end)
     first, last = MIDDLE_THIRD
-    return (along >= first * length) & (along <= last * length) & (np.abs(across) <= OFF_LINE)
+    return (share >= first) & (share <= last) & (np.abs(off) <= OFF_LINE)
 
 
-def free_table(anchors: Sequence[np.ndarray], heightmap: HeightMap) -> np.ndarray:
-    """The cells (H, W) bool that a camera saw and that are far enough from all things and from the table's border."""
-    rising, flat = things(heightmap)
-    covered = np.zeros(heightmap.seen.shape, bool)
-    for mask in (*anchors, *rising, *flat):
-        covered |= ndimage.binary_fill_holes(mask)
-    far = np.ones(covered.shape, bool)
-    if covered.any():
-        far = ndimage.distance_transform_edt(~covered) * heightmap.workspace.pixel >= HALF + GAP
-    return heightmap.seen & far & heightmap.workspace.contains(*cells_in_world(heightmap), HALF)
+def along_line(x: Length, y: Length, start: np.ndarray, end: np.ndarray) -> tuple[Length, Length]:
+    """Where points lie along a line from ``start`` to ``end``, (2,) m each: the share of the way, and how far (m) off.
 
-
-def cells_in_world(heightmap: HeightMap) -> tuple[np.ndarray, np.ndarray]:
-    """The x and y (H, W) of the cells' centres (m)."""
-    rows, cols = np.indices(heightmap.workspace.shape)
-    x, y = heightmap.workspace.to_world(rows, cols)
-    return x, y
+    Points to the right of the way have a positive distance.
+    """
+    way_x, way_y = end - start
+    length = math.hypot(way_x, way_y)
+    share = ((x - start[0]) * way_x + (y - start[1]) * way_y) / length**2
+    return share, ((x - start[0]) * way_y - (y - start[1]) * way_x) / length
