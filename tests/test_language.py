@@ -77,7 +77,7 @@ def test_what_is_wrong_is_said(instruction, message):
 
 LEFT_OVER = """
     move the mug / from the left box to the right box
-    put the mug / next to the teapot
+    put the mug / near the teapot
     put the red block in the box and the blue block / into the bowl
     pick the block on the tray / and place it in the box
     put the red block in the bowl / and leave
@@ -86,8 +86,8 @@ LEFT_OVER = """
     pick the mug and the cup / by their handles and put them in the box
     put the red block on the bowl / by its handle
     put the mug / with the handle in the box
-    put the block to the / left of the bowl
-    put the block in / front of the bowl
+    put the block to the left / side of the bowl
+    put the block in / back of the bowl
     push the block / up to the wall
     put the chair / back in the box
     put the block / right in the bowl
