@@ -12,9 +12,10 @@ from typing import NoReturn
 from gem_lite.language import models, readings
 from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
 from gem_lite.language.models import ModelError, Scorer
-from gem_lite.language.phrases import without_determiner
+from gem_lite.language.phrases import TOKEN, conjuncts, with_relation, without_determiner
 from gem_lite.language.queries import PARSERS, Queries
-from gem_lite.language.spans import Sentence, Span
+from gem_lite.language.spans import DETERMINERS, Sentence, Span
+from gem_lite.language.word_lists import RELATIONS
 
 LOWEST_PROBABILITY = 0.5
 """A reading with a lower probability is asked about. Chosen on sentences for development (experiments/other_words)."""
@@ -54,7 +55,10 @@ class ModelParser:
         reading, probability = readings.likeliest(self.model, sentence)
         if reading is None:
             _ask(instruction, "names no pick and place that I can find in it")
-        queries = Queries(_phrase(sentence, reading.thing), _phrase(sentence, reading.place))
+        try:
+            queries = Queries(readable(sentence.said(reading.thing)), place_phrase(sentence, reading.place))
+        except ValueError as error:  # "between" and one thing
+            _ask(instruction, f"is not clear to me: {error}")
         if probability < self.lowest_probability:
             _ask(instruction, f"is not clear to me; shall I {queries}?")
         return queries
@@ -64,13 +68,26 @@ def _ask(instruction: str, reason: str) -> NoReturn:
     raise ValueError(f"the instruction {instruction!r} {reason}; say one pick and one place, {EXAMPLE}")
 
 
-def _phrase(sentence: Sentence, span: Span) -> str:
-    """A span as a query: as the grammar reads it, or its words in small letters."""
-    text = sentence.said(span)
+def readable(text: str) -> str:
+    """A thing's words as a query: as the grammar reads them, or in small letters without a determiner."""
     try:
         return parse_thing(text)
     except ValueError:
-        return " ".join(without_determiner(sentence.words[slice(*span)]))
+        return " ".join(without_determiner(TOKEN.findall(text.lower())))
+
+
+def place_phrase(sentence: Sentence, span: Span) -> str:
+    """The place as a query, with the relation that the words before it say: "left of green bowl"."""
+    start = span[0]
+    while sentence.word(start - 1) in DETERMINERS:
+        start -= 1
+    before = " ".join(sentence.words[:start])
+    wordings = [wording for wording in RELATIONS if f" {before}".endswith(f" {wording}")]
+    place = readable(sentence.said(span))
+    if not wordings:
+        return place
+    things = tuple(readable(thing) for thing in conjuncts(place))
+    return with_relation(RELATIONS[max(wordings, key=len)], things)
 
 
 @lru_cache(maxsize=1)

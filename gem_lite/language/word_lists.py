@@ -20,8 +20,14 @@ PLACING = (
 BETWEEN = "between"
 """The only relation to two things."""
 RELATIONS = {
-    "left of": "left of", "to the left of": "left of", "on the left of": "left of",
-    "right of": "right of", "to the right of": "right of", "on the right of": "right of",
+    **{
+        wording.format(side): f"{side} of"
+        for side in ("left", "right")
+        for wording in (
+            "{} of", "to the {} of", "on the {} of", "to the {} side of", "on the {} side of", "at the {} side of",
+            "on the {}-hand side of", "to the {}-hand side of",
+        )
+    },
     "in front of": "in front of", "behind": "behind",
     "beside": "beside", "next to": "beside", "alongside": "beside",
     BETWEEN: BETWEEN, "in between": BETWEEN,
