@@ -143,7 +143,10 @@ def test_every_task_says_what_is_parsed(name, blind):
         task = tasks.make(name, split)
         blind.reset(task, tasks.episode_seed(split, 0))
         for goal in task.goals:
-            assert_read_as_written(goal.sentence)
+            if tasks.family(name) == "put-beside":  # Its wordings: tests/test_relations.py.
+                assert language.split_relation(parse(goal.sentence).place)[0] == goal.metric.relation
+            else:
+                assert_read_as_written(goal.sentence)
 
 
 def test_the_words_of_the_tasks_in_every_combination():

@@ -38,7 +38,9 @@ OFF_LINE = 0.04
 AT_THING = 0.02
 """The peak of a thing's map lies on the thing or at most this far (m) from it: patches blur the map."""
 LOWEST_VALUE = 0.5
-"""The map at the border of the free places. It grows to 1 where there is most room around."""
+"""Free places have at least this value. It grows to 1 where most places around are free, too."""
+SPREAD = 0.04
+"""The width (m, one standard deviation) of what counts as around."""
 DIRECTIONS = {"left of": (-1, 0), "right of": (1, 0), "in front of": (0, -1), "behind": (0, 1)}
 """Unit steps in x and y of the table."""
 BESIDE = "beside"
@@ -74,13 +76,14 @@ def place_map(
     for mask in (*masks, *rising, *flat):
         covered |= ndimage.binary_fill_holes(mask)
     places = free_places(relation, masks, covered, heightmap.workspace) & heightmap.seen
-    return peak * graded(places) if places.any() else nothing
+    return peak * graded(places, heightmap.workspace) if places.any() else nothing
 
 
-def graded(places: np.ndarray) -> np.ndarray:
-    """Free places (H, W) bool, at least one of them, as a map (H, W) float32: 1 where there is most room, 0 outside."""
-    room = ndimage.distance_transform_edt(places)
-    return np.where(places, LOWEST_VALUE + (1 - LOWEST_VALUE) * room / room.max(), 0).astype(np.float32)
+def graded(places: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """Free places (H, W) bool, at least one of them, as a map (H, W) float32: 1 in their midst, 0 outside."""
+    around = ndimage.gaussian_filter(places.astype(np.float32), SPREAD / workspace.pixel, mode="constant")
+    highest = around[places].max()
+    return np.where(places, LOWEST_VALUE + (1 - LOWEST_VALUE) * around / highest, 0).astype(np.float32)
 
 
 def no_free_place(query: str) -> str:

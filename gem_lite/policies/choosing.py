@@ -22,13 +22,16 @@ from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
 from gem_lite.language import Queries, Query, split_relation
 from gem_lite.maps import relations
-from gem_lite.policies.gem_config import GemConfig
+from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
+
+EXACTLY = replace(LITE, peak_radius=0.0)
+"""The rule of a gate that leaves no cell but those of its map's highest value."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +101,12 @@ def is_relation(query: Query) -> bool:
     return isinstance(query, str) and split_relation(query)[0] is not None
 
 
-def relation_gate(semantic: torch.Tensor, height: torch.Tensor, config: GemConfig) -> Gate:
+def relation_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
     """The gate for a place beside things: exactly the cells where its map (H, W) is above 0.
 
-    No network can learn the relation, since training turns the pictures. So this gate does not depend on
-    ``config.peak_margin``.
+    No network can learn the relation, since training turns the pictures. So no policy acts without this gate.
     """
-    allowed = (semantic > 0) * semantic.max()
-    return Gate(allowed, height, replace(config, peak_margin=0.1, peak_radius=0.0))
+    return Gate((semantic > 0) * semantic.max(), height, EXACTLY)
 
 
 def check_relation(name: str, queries: Queries, gates: Sequence[Mapping[str, Gate]]) -> None:

@@ -246,7 +246,7 @@ class Gem(Policy[SceneEmbedding]):
         if not queries.push and self.config.peak_margin is not None:  # A push starts where the thing's map is low.
             gates["pick"] = Gate(inputs.maps["pick"][0], height, self.config)
         if is_relation(queries.place) and self.source.uses_views:
-            gates["place"] = relation_gate(inputs.maps["place"][0], height, self.config)
+            gates["place"] = relation_gate(inputs.maps["place"][0], height)
         return gates
 
     @override

@@ -230,7 +230,7 @@ class Rival(Policy[SceneT]):
         maps = {role: query_maps(self._map_source, scene, query, self._map_config) for role, query in gating.items()}
         gates = {role: Gate(torch.from_numpy(of.fused), height, self._map_config) for role, of in maps.items()}
         if related:
-            gates["place"] = relation_gate(gates["place"].semantic, height, self._map_config)
+            gates["place"] = relation_gate(gates["place"].semantic, height)
         return gates
 
 

@@ -205,7 +205,7 @@ def plan_scene(environment: Environment, rng: np.random.Generator, relation: str
             radii[:2]
         )
         if places.any() and not (near and holds(relation, thing, anchors)):
-            row, col = np.unravel_index(relations.graded(places).argmax(), places.shape)
+            row, col = np.unravel_index(relations.graded(places, workspace).argmax(), places.shape)
             return Plan(thing, anchors, poses[count + 1 :], Pose2(*workspace.to_world(float(row), float(col))))
     raise TableFullError(f"no layout of {LAYOUTS} has a free place {relation} a thing")
 
