@@ -25,9 +25,9 @@ def small_model():
 
 def read_whole(model, prompt, text):
     """The log-probability of a text after a prompt, from one pass over both."""
-    start, end = (model._tokenizer(part)["input_ids"] for part in (prompt, text))
+    start, end = (model.tokenizer(part)["input_ids"] for part in (prompt, text))
     with torch.inference_mode():
-        logits = model._model(torch.tensor([start + end])).logits[0].log_softmax(dim=-1)
+        logits = model.model(torch.tensor([start + end])).logits[0].log_softmax(dim=-1)
     return sum(float(logits[len(start) + number - 1, token]) for number, token in enumerate(end))
 
 
