@@ -1,0 +1,83 @@
+"""What lies on a table: each thing gets the best of given names, by the maps that the policy itself looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from gem_lite.maps import refusal
+from gem_lite.maps.semantic_map import SceneEmbedding
+from gem_lite.maps.sources import MapSource
+from gem_lite.se2 import Workspace
+
+
+@dataclass(frozen=True, eq=False)
+class NamedThing:
+    """A thing on a table and the name that fits it best.
+
+    Attributes:
+        name: the best of the given names.
+        x, y: the thing's middle (m).
+        score: the name's value on the thing, about 1 on a match.
+        mask: (H, W) bool, the thing's cells.
+    """
+
+    name: str
+    x: float
+    y: float
+    score: float
+    mask: np.ndarray
+
+
+def named_things(scene: SceneEmbedding, names: Sequence[str], source: MapSource) -> list[NamedThing]:
+    """The things on a table with their names.
+
+    Args:
+        names: what things may be called. They are only candidates: most of them may be on no table.
+
+    Raises:
+        ValueError: there is no name.
+    """
+    if not names:
+        raise ValueError("names is empty: give the names that things on the table may have")
+    masks = whole_things(scene)
+    if not masks:
+        return []
+    source.clip.embed_texts(list(names))  # All at once is faster than one by one, and the CLIP keeps them.
+    scores = np.array([refusal.thing_scores(source.map(scene, name), masks) for name in names])  # (names, things)
+    best = scores.argmax(axis=0)
+    middles = [middle(mask, scene.heightmap.workspace) for mask in masks]
+    return [
+        NamedThing(names[number], *middles[thing], float(scores[number, thing]), masks[thing])
+        for thing, number in enumerate(best)
+    ]
+
+
+def whole_things(scene: SceneEmbedding) -> list[np.ndarray]:
+    """The things of `refusal.things`, (H, W) bool each. A flat part of a thing that rises, such as a blade, is its."""
+    rising, flat = refusal.things(scene)
+    alone = []
+    for part in flat:
+        around = ndimage.binary_dilation(part, iterations=refusal.BESIDE + 1)
+        touching = [number for number, mask in enumerate(rising) if (mask & around).any()]
+        if touching:
+            rising[touching[0]] = rising[touching[0]] | part
+        else:
+            alone.append(part)
+    return rising + alone
+
+
+def middle(mask: np.ndarray, workspace: Workspace) -> tuple[float, float]:
+    """The x and y (m) of the middle of a mask's cells."""
+    rows, cols = np.nonzero(mask)
+    x, y = workspace.to_world(float(rows.mean()), float(cols.mean()))
+    return float(x), float(y)
+
+
+def lies_in(thing: NamedThing, place: NamedThing) -> bool:
+    """Whether a thing's middle lies within the outline of a place on the same table, such as the walls of a box."""
+    rows, cols = np.nonzero(thing.mask)
+    return bool(ndimage.binary_fill_holes(place.mask)[round(rows.mean()), round(cols.mean())])
