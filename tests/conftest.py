@@ -5,11 +5,14 @@ import dataclasses
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 # Before any import that reads them.
 _CACHE = tempfile.TemporaryDirectory(prefix="gem-lite-tests-")
 os.environ["HF_HUB_OFFLINE"] = "1"
 os.environ["XDG_CACHE_HOME"] = _CACHE.name
+# The small language model is converted once for all processes of a run, and for later runs.
+os.environ["GEM_LITE_CACHE"] = str(Path(__file__).resolve().parents[1] / "build" / "language-models")
 os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = _CACHE.name
 
 import pytest  # noqa: E402

@@ -77,7 +77,7 @@ def test_what_is_wrong_is_said(instruction, message):
 
 LEFT_OVER = """
     move the mug / from the left box to the right box
-    put the mug / next to the teapot
+    put the mug / near the teapot
     put the red block in the box and the blue block / into the bowl
     pick the block on the tray / and place it in the box
     put the red block in the bowl / and leave
@@ -86,8 +86,8 @@ LEFT_OVER = """
     pick the mug and the cup / by their handles and put them in the box
     put the red block on the bowl / by its handle
     put the mug / with the handle in the box
-    put the block to the / left of the bowl
-    put the block in / front of the bowl
+    put the block to the left / side of the bowl
+    put the block in / back of the bowl
     push the block / up to the wall
     put the chair / back in the box
     put the block / right in the bowl
@@ -143,7 +143,10 @@ def test_every_task_says_what_is_parsed(name, blind):
         task = tasks.make(name, split)
         blind.reset(task, tasks.episode_seed(split, 0))
         for goal in task.goals:
-            assert_read_as_written(goal.sentence)
+            if tasks.family(name) == "put-beside":  # Its wordings: tests/test_relations.py.
+                assert language.split_relation(parse(goal.sentence).place)[0] == goal.metric.relation
+            else:
+                assert_read_as_written(goal.sentence)
 
 
 def test_the_words_of_the_tasks_in_every_combination():

@@ -9,7 +9,7 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery
-from gem_lite.maps import refusal
+from gem_lite.maps import refusal, things
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Workspace
@@ -115,13 +115,13 @@ def test_a_thin_board_with_its_holes_is_a_thing_and_a_bowls_inside_or_a_shadow_i
     rgb[10:30, 50:70] = (180, 140, 60)  # a board wider than a thing, with two holes
     rgb[12:18, 52:58] = 100
     rgb[20:26, 60:66] = 100
-    assert len(refusal.things(table)[1]) == 1
-    assert refusal.things(table)[1][0].sum() == 400, "the holes belong to the board"
+    assert len(things.things(table.heightmap)[1]) == 1
+    assert things.things(table.heightmap)[1][0].sum() == 400, "the holes belong to the board"
     rgb[140:150, 60:75] = 5  # a shadow
     table.heightmap.height[130:150, 10:30] = 0.05
     table.heightmap.height[134:146, 14:26] = 0
     rgb[130:150, 10:30] = 200
-    rising, flat = refusal.things(table)
+    rising, flat = things.things(table.heightmap)
     assert (len(rising), len(flat)) == (3, 1)
     source = Painted({"heart hole": np.zeros(rgb.shape[:2]), "star": np.zeros(rgb.shape[:2])})
     source.maps["heart hole"][12:18, 52:58] = 0.9
@@ -132,11 +132,11 @@ def test_a_thin_board_with_its_holes_is_a_thing_and_a_bowls_inside_or_a_shadow_i
 
 
 def test_specks_and_a_table_that_is_noisy_and_too_high_are_no_things(table):
-    masks, flat = refusal.things(table)
+    masks, flat = things.things(table.heightmap)
     assert [int(mask.sum()) for mask in masks] == [100, 100] and flat == []
     rng = np.random.default_rng(0)
     table.heightmap.height[:] += 0.01 + np.abs(rng.normal(0, 0.005, table.heightmap.height.shape)).astype(np.float32)
-    noisy, _ = refusal.things(table)
+    noisy, _ = things.things(table.heightmap)
     assert len(noisy) == 2
     for before, after in zip(masks, noisy, strict=True):
         assert (before & after).sum() > 0.95 * before.sum() and after.sum() < 1.1 * before.sum()

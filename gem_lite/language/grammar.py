@@ -9,7 +9,7 @@ Its grammar (``?``: may be missing, ``*``: any number of times, ``|``: or)::
     joint       = PARTICLE? ("," | "and" | "then")*      as in "pick the mug up, and then place it"
     pronoun     = "it" | "them"
     pick        = phrase | thing LOCATION? part
-    place       = ","? PLACING phrase
+    place       = ","? PLACING phrase | ","? RELATION phrase ("and" phrase)?
     phrase      = list | DETERMINER* LEADING thing | thing LOCATION
     list        = thing | (thing ",")* thing ","? "and" thing
     thing       = DETERMINER* word word*                 with "of the ..." and "with ..." among the words
@@ -23,6 +23,8 @@ Words in capitals are the tuples of `word_lists`. Besides:
 * "red and white flashlight" is one thing (`phrases.conjuncts`). In other lists, a determiner or an adjective is after
   "and", or adjectives alone before it: another word could be a verb. A place is a list only of adjectives with one noun
   ("on the green and blue blocks"), and has no determiner of `OF_SEVERAL`.
+* A relation gives one phrase in few wordings: "put it next to the mug" gives "beside mug". One thing comes after it, or
+  two after "between". After a verb of `TAKING`, it could say where the thing lies, and is refused.
 * An adjective or a word of `FEATURES` comes after "with".
 * A word of `RESERVED`, a contraction ("that's"), an adverb in "ly", and a number before its thing are in no phrase.
 
@@ -37,7 +39,7 @@ from typing import NoReturn
 
 from gem_lite.language import phrases, word_lists
 from gem_lite.language.queries import PARSERS, Queries
-from gem_lite.language.word_lists import DETERMINERS, PARTICLES, PLACING, SIDES, VERBS
+from gem_lite.language.word_lists import BETWEEN, DETERMINERS, PARTICLES, PLACING, RELATIONS, SIDES, VERBS
 
 EXAMPLE = 'for example "put the red block in the green bowl"'
 
@@ -46,11 +48,12 @@ def parse(instruction: str) -> Queries:
     """Split an instruction into what to pick and where to place it.
 
     "put the red blocks in a green bowl" gives "red blocks" and "green bowl"; "grasp the scissors by its handle and
-    place into the brown box" gives "scissors handle" and "brown box". Phrases are in small letters.
+    place into the brown box" gives "scissors handle" and "brown box"; "put the fork between the mug and the box" gives
+    "fork" and "between mug and box". Phrases are in small letters.
 
     Raises:
         ValueError: the instruction is empty, starts with no known verb, names no pick or no place, or has words
-            that the grammar does not cover: a second clause, "from ... to ...", "next to ...", "gently".
+            that the grammar does not cover: a second clause, "from ... to ...", "near ...", "gently".
     """
     if not isinstance(instruction, str) or not instruction.strip():
         raise ValueError(f"the instruction is empty; say what to pick and where to place it, {EXAMPLE}")
@@ -101,7 +104,7 @@ class _Reader:
         pick = self.pick()
         end_of_joint = self.joint(self.position)
         if not pick:
-            if not end_of_joint and not self.fits(PLACING):
+            if not end_of_joint and not self.fits((*PLACING, *RELATIONS)):
                 self.refuse_rest()
             self.refuse("names nothing to pick")
         if end_of_joint:
@@ -110,10 +113,15 @@ class _Reader:
             self.accept(("it", "them"))
             self.accept(PARTICLES)
         self.accept((",",))
-        if not self.accept(PLACING):
+        wording = self.accept((*PLACING, *RELATIONS))
+        if not wording:
             self.refuse_rest()
             self.refuse("names no place")
-        return Queries(pick, self.place(), verb == word_lists.PUSHING)
+        if wording not in RELATIONS:
+            return Queries(pick, self.place(), verb == word_lists.PUSHING)
+        if verb in word_lists.TAKING and not end_of_joint:
+            self.refuse(f"says {wording!r}, but not whether the thing lies there or is to be put there")
+        return Queries(pick, self.related_place(RELATIONS[wording]), verb == word_lists.PUSHING)
 
     def thing(self) -> str:
         """The rule ``phrase``, and nothing else."""
@@ -143,6 +151,20 @@ class _Reader:
         if self.words[start] in word_lists.OF_SEVERAL:
             self.refuse(f"says {self.words[start]!r} of a place; say one place")
         return phrase
+
+    def related_place(self, relation: str) -> str:
+        """The phrase of a relation and of the things after it, to the end of the instruction."""
+        start = self.position
+        phrase = self.phrase()
+        anchors = list(phrases.conjuncts(phrase)) if phrase else []
+        if relation == BETWEEN and len(anchors) == 1 and self.accept(("and",)):
+            anchors.append(self.phrase())
+        self.refuse_rest()
+        several = any(word in word_lists.OF_SEVERAL for word in self.words[start:])
+        if several or not all(anchors) or len(anchors) != phrases.anchor_count(relation):
+            count = "two single things" if relation == BETWEEN else "one thing"
+            self.refuse(f"must name {count} after {relation!r}")
+        return phrases.with_relation(relation, anchors)
 
     def alignment(self) -> Queries:
         """The rest of the rule with "align": the place has a start and an end."""
@@ -231,7 +253,7 @@ class _Reader:
         start = self.position
         location = self.accept(word_lists.LOCATIONS)
         ends = self.position == len(self.words) or self.words[self.position] == "," or self.joint(self.position)
-        if ends or self.fits((*PLACING, "by")):
+        if ends or self.fits((*PLACING, *RELATIONS, "by")):
             return location
         self.position = start
         return ""

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+import filelock
 import numpy as np
 import torch
 
-from gem_lite.foundations.files import write_atomically, writing
+from gem_lite.foundations.files import write_atomically
 
 os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
 
@@ -66,12 +67,14 @@ class CausalModel:
 
     Attributes:
         name: the model's name in messages and results.
+        model: the network, from tokens to logits.
+        tokenizer: from texts to tokens.
     """
 
     def __init__(self, name: str, model: torch.nn.Module, tokenizer: PreTrainedTokenizerBase) -> None:
         self.name = name
-        self._model = cast(Any, model.eval().requires_grad_(False))
-        self._tokenizer = tokenizer
+        self.model = cast(Any, model.eval().requires_grad_(False))
+        self.tokenizer = tokenizer
         self._read: list[int] = []  # the tokens that are in the cache
         self._cache = DynamicCache()
         self._next = torch.empty(0)  # log-probabilities of the token after them
@@ -102,25 +105,25 @@ class CausalModel:
     def answer(self, prompt: str) -> str:
         """The model's likeliest answer to a message, as plain text of at most `LONGEST_ANSWER` tokens."""
         message = [{"role": "user", "content": prompt}]
-        asked: Any = self._tokenizer.apply_chat_template(
+        asked: Any = self.tokenizer.apply_chat_template(
             message, add_generation_prompt=True, return_tensors="pt", return_dict=True
         )
         with torch.inference_mode():
-            whole = self._model.generate(
-                **asked, max_new_tokens=LONGEST_ANSWER, do_sample=False, pad_token_id=self._tokenizer.eos_token_id
+            whole = self.model.generate(
+                **asked, max_new_tokens=LONGEST_ANSWER, do_sample=False, pad_token_id=self.tokenizer.eos_token_id
             )
         answer = whole[0, asked["input_ids"].shape[1] :]
-        return str(self._tokenizer.decode(answer, skip_special_tokens=True)).strip()
+        return str(self.tokenizer.decode(answer, skip_special_tokens=True)).strip()
 
     def _tokens(self, text: str, name: str) -> list[int]:
-        tokens = self._tokenizer(text, add_special_tokens=False)["input_ids"]
+        tokens = self.tokenizer(text, add_special_tokens=False)["input_ids"]
         if not tokens:
             raise ValueError(f"{name} is empty: there is nothing to score")
         return list(tokens)
 
     def _read_prompt(self, tokens: list[int], longest: int) -> None:
         """Compute what the cache lacks of a prompt."""
-        limit = int(self._model.config.max_position_embeddings)
+        limit = int(self.model.config.max_position_embeddings)
         if len(tokens) + longest > limit:
             raise ValueError(f"prompt and continuation have {len(tokens) + longest} tokens; {self.name} reads {limit}")
         pairs = zip(tokens, self._read, strict=False)
@@ -130,7 +133,7 @@ class CausalModel:
         common = min(common, len(tokens) - 1)  # The last token gives the probabilities of the next one.
         self._forget(len(self._read) - common)
         new = torch.tensor([tokens[common:]])
-        logits = self._model(new, past_key_values=self._cache, use_cache=True, logits_to_keep=1).logits
+        logits = self.model(new, past_key_values=self._cache, use_cache=True, logits_to_keep=1).logits
         self._next = logits[0, -1].float().log_softmax(dim=-1)
         self._read = tokens
 
@@ -150,7 +153,7 @@ class CausalModel:
         mask = torch.zeros(len(owner), past + len(owner))
         mask[:, past:].masked_fill_(~sees, torch.finfo(torch.float32).min)
         ids = torch.tensor([token for text in texts for token in text])
-        logits = self._model(
+        logits = self.model(
             ids[None], past_key_values=self._cache, use_cache=True, attention_mask=mask[None, None],
             position_ids=(past + places)[None],
         ).logits[0]  # fmt: skip
@@ -208,15 +211,21 @@ def _from_folder(name: str, folder: Path | str, offline: bool = True) -> CausalM
 
 
 def cache_folder() -> Path:
-    """Where converted weights are kept: the user's cache."""
+    """Where converted weights are kept: ``GEM_LITE_CACHE``, or a folder in the user's cache."""
+    given = os.environ.get("GEM_LITE_CACHE")
+    if given:
+        return Path(given)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gem_lite"
 
 
 def _converted() -> Path:
     """The folder with the small model's converted weights; the first call makes it."""
     folder = cache_folder() / f"{SMALL}-{SMALL_SUM[:12]}"
-    if not _intact(folder):
-        with writing(folder):
+    if _intact(folder):
+        return folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with filelock.FileLock(f"{folder}.lock"):  # Another process may be converting: wait for it.
+        if not _intact(folder):
             _convert(_packaged(), folder)
     return folder
 
@@ -251,7 +260,7 @@ def _convert(path: Path, folder: Path) -> None:
     tokenizer = transformers.AutoTokenizer.from_pretrained(source, gguf_file=name)
     config = transformers.AutoConfig.from_pretrained(source, gguf_file=name)
     with contextlib.redirect_stderr(io.StringIO()):  # a bar of its own for each tensor
-        quantized = transformers.AutoModelForCausalLM.from_pretrained(source, gguf_file=name, dtype=torch.float16)
+        quantized = transformers.AutoModelForCausalLM.from_pretrained(source, gguf_file=name, dtype=torch.float32)
     model = transformers.AutoModelForCausalLM.from_config(config, dtype=torch.float16)
     model.load_state_dict(quantized.state_dict())  # A quantized model refuses to be saved in another form.
     tokenizer.save_pretrained(folder)

@@ -5,6 +5,9 @@ block on the left". In a name ("left shoe", "top hat") the same word says nothin
 
 Such a word acts on the whole map (`maps.query_maps.located`). Others belong to a thing: "front left tip to back left
 corner" of a square. The embedded CLIP hardly tells these apart. So networks get the words, too (`location_code`).
+
+A relation stands in front of one thing or two, its anchors: "left of green bowl", "between mug and box". It names a
+place on the table and no thing (`maps.relations`).
 """
 
 from __future__ import annotations
@@ -15,7 +18,18 @@ from collections.abc import Sequence
 import torch
 
 from gem_lite.language import word_lists
-from gem_lite.language.word_lists import ADJECTIVES, COLORS, DETERMINERS, LEADING, RESERVED, SHADES, SIDES, VERBS
+from gem_lite.language.word_lists import (
+    ADJECTIVES,
+    BETWEEN,
+    COLORS,
+    DETERMINERS,
+    LEADING,
+    RELATIONS,
+    RESERVED,
+    SHADES,
+    SIDES,
+    VERBS,
+)
 
 TOKEN = re.compile(r"[^\W_]+(?:['’\u02bc&-][^\W_]+)*|\S")
 _CONTRACTION = re.compile(r".+(n't|'re|'ve|'ll|'d|'m)")
@@ -71,6 +85,44 @@ def location_code(phrase: str) -> torch.Tensor:
     return torch.nn.functional.normalize(torch.tensor(counts, dtype=torch.float32).flatten(), dim=0)
 
 
+def split_relation(phrase: str) -> tuple[str | None, tuple[str, ...]]:
+    """The relation in front of a phrase, and the things after it.
+
+    "left of green bowl" gives ("left of", ("green bowl",)), and "between mug and box" gives ("between", ("mug",
+    "box")). A phrase without a relation gives (None, (phrase,)).
+
+    Raises:
+        ValueError: there are not two things after "between", or not one after another relation.
+    """
+    words = " ".join(phrase.lower().split())
+    relation = next((name for name in RELATIONS.values() if words.startswith(f"{name} ")), None)
+    if relation is None:
+        return None, (phrase,)
+    anchors = conjuncts(" ".join(without_determiner(words.removeprefix(relation).split())))
+    count = anchor_count(relation)
+    if len(anchors) != count:
+        raise ValueError(f"phrase must name {count} after {relation!r}, things joined by 'and', got {phrase!r}")
+    return relation, anchors
+
+
+def anchor_count(relation: str) -> int:
+    """How many things a relation is to."""
+    return 2 if relation == BETWEEN else 1
+
+
+def with_relation(relation: str, anchors: Sequence[str]) -> str:
+    """The phrase for a place: the inverse of `split_relation`."""
+    return f"{relation} {' and '.join(anchors)}"
+
+
+def without_relation(phrase: str) -> str:
+    """What a phrase names, without a relation in front: "mug and box" of "between mug and box".
+
+    Networks get these words. The map alone says what the relation is, since training turns the pictures.
+    """
+    return " and ".join(split_relation(phrase)[1])
+
+
 def _counts(phrase: str) -> list[int]:
     """How often each of `CODED` is in a phrase, apart from names."""
     words = phrase.split()
@@ -104,7 +156,8 @@ def conjuncts(phrase: str) -> tuple[str, ...]:
 
     "green and blue blocks" gives "green blocks" and "blue blocks"; "red block and the blue mug" gives "red block"
     and "blue mug". Members that are adjectives alone (`ADJECTIVES`) share the noun that follows. A phrase without
-    "and" is its own only member. A name such as "salt and pepper" counts as two things.
+    "and" is its own only member, and so is a relation ("between mug and box"). A name such as "salt and
+    pepper" counts as two things.
 
     Colours joined before a plural are several things. They are one thing of several colours before
 
@@ -117,7 +170,7 @@ def conjuncts(phrase: str) -> tuple[str, ...]:
         ValueError: the phrase is empty, or "and" or a comma joins nothing.
     """
     words = TOKEN.findall(phrase.lower())
-    if words and "and" not in words:
+    if words and ("and" not in words or split_relation(phrase)[0] is not None):
         return (phrase,)
     parts = _members(words)
     if not all(without_determiner(part) for part in parts):

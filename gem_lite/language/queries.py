@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gem_lite.foundations.registry import Registry
+from gem_lite.language import phrases
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,8 @@ class ImageQuery:
 
 
 Query = str | ImageQuery
-"""The thing that is meant: a phrase without its article, or a picture."""
+"""The thing that is meant: a phrase without its article, or a picture. For a place, the phrase may be a relation to
+things, such as "left of green bowl" (`phrases.split_relation`)."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Queries:
         push: whether the sentence asks for a push, from what is to be pushed to the place.
 
     Raises:
-        ValueError: one of them is neither a text with words nor an `ImageQuery`.
+        ValueError: one of them is neither a text with words nor an `ImageQuery`; the pick is a relation, or the place
+            is a relation to a wrong number of things.
     """
 
     pick: Query
@@ -57,6 +60,8 @@ class Queries:
         for name, query in (("pick", self.pick), ("place", self.place)):
             if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
                 raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
+            if isinstance(query, str) and phrases.split_relation(query)[0] is not None and name == "pick":
+                raise ValueError(f"pick must name a thing, not a place beside one, got {query!r}")
 
     def __str__(self) -> str:
         return f"push {self.pick} to {self.place}" if self.push else f"pick {self.pick}, place {self.place}"

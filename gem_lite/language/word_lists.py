@@ -17,6 +17,26 @@ PLACING = (
     "inside of", "inside", "in to", "into", "in", "within", "down in", "down into", "over to", "to",
 )  # fmt: skip
 """Prepositions that say where to place; the longest one that fits is read."""
+BETWEEN = "between"
+"""The only relation to two things."""
+RELATIONS = {
+    **{
+        wording.format(side): f"{side} of"
+        for side in ("left", "right")
+        for wording in (
+            "{} of", "to the {} of", "on the {} of", "to the {} side of", "on the {} side of", "at the {} side of",
+            "on the {}-hand side of", "to the {}-hand side of",
+        )
+    },
+    "in front of": "in front of", "behind": "behind",
+    "beside": "beside", "next to": "beside", "alongside": "beside",
+    BETWEEN: BETWEEN, "in between": BETWEEN,
+}  # fmt: skip
+"""Wordings that say where to place, on the table and beside a thing, and the relation that each of them means.
+
+"On the left side of the box" is none of them: it may mean a part of the box."""
+TAKING = ("pick", "grasp", "grab", "take", "lift")
+"""Verbs after which a relation may say where the thing lies: "pick the mug behind the bowl"."""
 OPENINGS = (",", "please", "kindly", "now", "could you", "can you", "would you", "will you")
 CLOSINGS = (",", ".", "!", "?", "please", "now", "for me", "thanks", "thank you")
 PARTS = (

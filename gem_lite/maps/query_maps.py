@@ -5,6 +5,7 @@ The networks of GEM read these maps. Rivals can be restricted by them (`gem_lite
 "left star hole" is the leftmost of the places that look like a star hole. CLIP gives all star holes the same score; and
 training turns the pictures, so a network cannot learn what "left" is. Here the word acts on the map of the unturned
 table: it chooses one of the strongest responses and lowers the others. Training then turns the map with the picture.
+For the same reason, "left of green bowl" has a map of its own (`relations`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy import ndimage
 from gem_lite import language
 from gem_lite.config import FLAG, TEXT, entry, number
 from gem_lite.language import Query
-from gem_lite.maps import semantic_map
+from gem_lite.maps import relations, semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
@@ -76,7 +77,8 @@ def query_maps(
     """A query's maps: Eq. 1-4 without the depth, which the networks add.
 
     A phrase with "and" is several phrases, whose maps are joined. A location word chooses among the strongest responses
-    of a phrase (`located`). A whole sentence (`Config.parsing`) is one query and has neither.
+    of a phrase (`located`). A relation has one map (`relation_map`). A whole sentence (`Config.parsing`) is one query
+    and has none of them.
 
     Args:
         scene: of ``source``.
@@ -99,10 +101,33 @@ def query_maps(
             return QueryMaps(text, image, fused)
         return QueryMaps(located(text, word, config.workspace), image, located(fused, word, config.workspace))
 
+    if config.parsing and isinstance(query, str) and language.split_relation(query)[0] is not None:
+        place = relation_map(scene, query, source)
+        return QueryMaps(place, None, place)
     phrases: Sequence[Query] = [query]
     if config.conjuncts and config.parsing and isinstance(query, str):
         phrases = language.conjuncts(query)
     return joined([of_one(phrase) for phrase in phrases])
+
+
+def relation_map(scene: SceneEmbedding, query: str, source: MapSource) -> np.ndarray:
+    """The map of a place beside things, such as "left of green bowl", from the text-conditioned maps of these things.
+
+    Returns:
+        (H, W) float32, see `relations.place_map`; 0 everywhere if no place is free.
+
+    Raises:
+        ValueError: the query is no relation.
+    """
+    relation, anchors = language.split_relation(query)
+    if relation is None:
+        raise ValueError(f"query must be a relation, such as 'left of green bowl', got {query!r}")
+    maps = []
+    for anchor in anchors:
+        word, _ = language.split_location(anchor)
+        semantic = source.map(scene, language.location_in_front(anchor))
+        maps.append(semantic if word is None else located(semantic, word, scene.heightmap.workspace))
+    return relations.place_map(relation, maps, scene.heightmap, source.config)
 
 
 def joined(members: Sequence[QueryMaps]) -> QueryMaps:

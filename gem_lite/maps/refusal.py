@@ -14,28 +14,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from gem_lite import language
 from gem_lite.clip import Clip
 from gem_lite.foundations import colors
 from gem_lite.language import Query, word_lists
+from gem_lite.maps import relations
+from gem_lite.maps.query_maps import relation_map
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
+from gem_lite.maps.things import things
 from gem_lite.se2 import Workspace
 
-RISES = 0.008
-"""A cell belongs to a thing if it is higher (m) above the table than this, and than the table's own noise."""
-NOISE = 3.0
-"""A cell is above the table's noise if it is higher by this many standard deviations."""
-DIFFERS = 40
-"""A cell belongs to a flat thing if one of its colour values (0-255) differs by more than this from the table's."""
-BESIDE = 2
-"""Cells at most this far from a thing that rises belong to its edge, and to no flat thing."""
 REACH = 0.0625
 """Of a flat thing, the cells within this distance (m) of the phrase's best cell count: a board has many holes."""
-FEWEST_CELLS = 12
-"""A region of fewer cells is no thing."""
 BEST_SHARE = 0.3
 """The score of a thing is the mean over this share of its cells, those with the highest values."""
 LOWEST_MARGIN = -0.2
@@ -134,43 +126,11 @@ def _color(words: Sequence[str]) -> list[str]:
     return []
 
 
-def things(scene: SceneEmbedding) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The things on a table, each as an (H, W) bool mask: those that rise above it, and those that do not.
-
-    Only cells that a camera saw count. The first are the connected regions of cells that are higher than the table: its
-    level is the median of the heights near z = 0, however full it is, and its noise follows from the median deviation.
-    The second are the regions of another colour than the table's median one, such as painted lines and thin boards. The
-    holes of flat things belong to them. A shadow and the inside of a bowl are no flat things.
-    """
-    height, seen = scene.heightmap.height, scene.heightmap.seen
-    low = scene.heightmap.near_table
-    if not low.any():
-        low = seen
-    level = np.median(height[low])
-    noise = 1.4826 * np.median(np.abs(height[low] - level))  # the standard deviation, if the noise is normal
-    rises = seen & (height > level + max(RISES, NOISE * noise))
-    rgb = scene.heightmap.rgb.astype(np.float32)
-    table = np.maximum(np.median(rgb[low], axis=0), 1)
-    light = np.minimum((rgb @ table) / (table @ table), 1)  # below 1 in a shadow, which has the table's colour
-    difference = np.abs(rgb - light[..., None] * table).max(axis=-1)
-    differs = seen & (difference > max(DIFFERS, NOISE * 1.4826 * float(np.median(difference[low]))))
-    standing = ndimage.binary_dilation(ndimage.binary_fill_holes(rises), iterations=BESIDE)
-    flat = ndimage.binary_fill_holes(differs | rises) & ~standing
-    return _regions(rises), _regions(flat)
-
-
-def _regions(cells: np.ndarray) -> list[np.ndarray]:
-    """The connected regions of cells (H, W) that are large enough to be things."""
-    regions, count = ndimage.label(cells)
-    masks = [regions == number for number in range(1, count + 1)]
-    return [mask for mask in masks if mask.sum() >= FEWEST_CELLS]
-
-
 def fit(
     scene: SceneEmbedding, phrase: str, source: MapSource, nouns: Sequence[str] = OTHER_NOUNS
 ) -> PhraseFit | None:  # fmt: skip
     """The thing that a phrase fits best, and how well. None if there is no thing on the table."""
-    rising, flat = things(scene)
+    rising, flat = things(scene.heightmap)
     if not rising and not flat:
         return None
     others = alternatives(phrase, nouns, source.clip)
@@ -211,7 +171,8 @@ def refusal(
     """Why an instruction cannot be followed: the first of its queries that fits nothing on the table, in one sentence.
 
     None if all of them fit something. Of "X and Y", each must fit; of "red and blue blocks", which is one group, at
-    least one. A picture is never refused, since it has no alternatives.
+    least one. Of a place beside things, such as "left of green bowl", each of these must fit, and a place must be free.
+    A picture is never refused, since it has no alternatives.
 
     Args:
         lowest_margin: a higher one refuses more, see `LOWEST_MARGIN`.
@@ -219,12 +180,15 @@ def refusal(
     for query in queries:
         if not isinstance(query, str):
             continue
-        members = language.conjuncts(query)
+        relation, anchors = language.split_relation(query)
+        members = language.conjuncts(query) if relation is None else anchors
         phrases = [language.split_location(member)[1] for member in members]
         reasons = [_reason(phrase, fit(scene, phrase, source, nouns), lowest_margin) for phrase in phrases]
         missing = [reason for reason in reasons if reason is not None]
-        if missing and (len(missing) == len(members) or not _one_group(members)):
+        if missing and (len(missing) == len(members) or relation or not _one_group(members)):
             return missing[0]
+        if relation is not None and not relation_map(scene, query, source).any():
+            return relations.no_free_place(query)
     return None
 
 

@@ -33,7 +33,9 @@ from gem_lite.policies.choosing import (
     TablesChoice,
     best_cell,
     best_cells,
+    check_relation,
     gated,
+    is_relation,
     log_probability,
     unmoved,
     untried,
@@ -176,13 +178,18 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """The queries of each goal of an instruction, in the order in which to reach them. `Queries` are one goal.
 
         Raises:
-            ValueError: the parser refuses the instruction.
+            ValueError: the parser refuses the instruction, or the policy cannot follow it (`check_relation`).
         """
         if isinstance(instruction, Queries):
             return (instruction,)
         parsed = self.parser(instruction)
         goals = (parsed,) if isinstance(parsed, Queries) else parsed
-        return goals if self.config.parsing else (Queries(instruction, instruction, goals[0].push),)
+        if self.config.parsing:
+            return goals
+        for goal in goals:
+            if is_relation(goal.place):
+                raise ValueError(f"{self.name} reads whole sentences and has no map of a place {str(goal.place)!r}")
+        return (Queries(instruction, instruction, goals[0].push),)
 
     def read(self, instruction: str | Queries, reached: Collection[Queries] = ()) -> Queries:
         """The queries to act on: those of the first goal that is not ``reached``.
@@ -200,7 +207,12 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         return {"pick": self.embed_words(queries.pick), "place": self.embed_words(queries.place)}
 
     def embed_words(self, query: Query) -> torch.Tensor:
-        """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words."""
+        """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words.
+
+        Of a place beside things, they get the things.
+        """
+        if self.config.parsing and isinstance(query, str):
+            query = language.without_relation(query)
         plain = language.location_in_front(query) if self.config.parsing and isinstance(query, str) else query
         embedding = embed_query(plain, self.clip)
         if not self.config.location_code:
@@ -295,7 +307,8 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
                 The pick keeps away from them (`Config.empty_radius`).
 
         Raises:
-            ValueError: the parser refuses the instruction.
+            ValueError: the parser refuses the instruction; the place is a relation, such as "left of the bowl", and
+                the method has no map of it, or no such place is free.
         """
         return self.decide(observation, instruction, empty_picks).action
 
@@ -324,6 +337,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         scenes = [self.embed(observation.views) for observation in observations]
         inputs, details = zip(*(self.explained_inputs(scene, queries) for scene in scenes), strict=True)
         gates = [self.gates(one.views, of, queries) for one, of in zip(observations, inputs, strict=True)]
+        check_relation(self.name, queries, gates)
         heightmaps = [scene.heightmap for scene in scenes]
         return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates), details
 

@@ -2,7 +2,7 @@
 
 Gates are rules of ours. The networks weigh a map against their other inputs, and may prefer an object on which the map
 is low. With a gate the map chooses the object; the networks choose among the cells that are left. GEM's picks keep to
-them; a rival can do so, too (`transporter.Rival`).
+them, and so do its places beside things ("left of the bowl"); a rival can do so, too (`transporter.Rival`).
 
 Stitch and split (A.12): a policy that learned on one table chooses over several. Its networks are convolutions, and its
 kernels come from words or a crop, so the same kernel can be correlated with the features of every table. One argmax
@@ -12,7 +12,7 @@ over all action maps then gives the table, the pixel and the angle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -20,14 +20,18 @@ from scipy import ndimage
 
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.language import Queries
-from gem_lite.policies.gem_config import GemConfig
+from gem_lite.language import Queries, Query, split_relation
+from gem_lite.maps import relations
+from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
+
+EXACTLY = replace(LITE, peak_radius=0.0)
+"""The rule of a gate that leaves no cell but those of its map's highest value."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,37 @@ class Gate:
     semantic: torch.Tensor
     height: torch.Tensor
     config: GemConfig
+
+
+def is_relation(query: Query) -> bool:
+    """Whether a query is a place beside things, such as "left of green bowl"."""
+    return isinstance(query, str) and split_relation(query)[0] is not None
+
+
+def relation_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
+    """The gate for a place beside things: exactly the cells where its map (H, W) is above 0.
+
+    No network can learn the relation, since training turns the pictures. So no policy acts without this gate.
+    """
+    return Gate((semantic > 0) * semantic.max(), height, EXACTLY)
+
+
+def check_relation(name: str, queries: Queries, gates: Sequence[Mapping[str, Gate]]) -> None:
+    """Check that the gates of one or several tables leave a place, if the place is a relation to things.
+
+    Args:
+        name: of the policy.
+
+    Raises:
+        ValueError: there is no gate, so that the policy would place anywhere; or no place is free.
+    """
+    if not is_relation(queries.place):
+        return
+    maps = [of_table["place"].semantic for of_table in gates if "place" in of_table]
+    if not maps:
+        raise ValueError(f"{name} has no map of a place {str(queries.place)!r}: ask a gem policy with a semantic map")
+    if not any(bool((semantic > 0).any()) for semantic in maps):
+        raise ValueError(relations.no_free_place(str(queries.place)))
 
 
 def near_peak(

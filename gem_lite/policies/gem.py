@@ -20,7 +20,7 @@ from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
 from gem_lite.policies.base import METHODS, Policy
-from gem_lite.policies.choosing import Choice, Gate
+from gem_lite.policies.choosing import Choice, Gate, is_relation, relation_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import (
     HEIGHT_SCALE,
@@ -241,9 +241,13 @@ class Gem(Policy[SceneEmbedding]):
 
     @override
     def gates(self, views: Sequence[View], inputs: Inputs, queries: Queries) -> dict[str, Gate]:
-        if queries.push or self.config.peak_margin is None:
-            return {}  # A push starts beside a thing, where its map is low.
-        return {"pick": Gate(inputs.maps["pick"][0], inputs.rgbd[3] * HEIGHT_SCALE, self.config)}
+        height = inputs.rgbd[3] * HEIGHT_SCALE
+        gates = {}
+        if not queries.push and self.config.peak_margin is not None:  # A push starts where the thing's map is low.
+            gates["pick"] = Gate(inputs.maps["pick"][0], height, self.config)
+        if is_relation(queries.place) and self.source.uses_views:
+            gates["place"] = relation_gate(inputs.maps["place"][0], height)
+        return gates
 
     @override
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:

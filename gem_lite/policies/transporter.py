@@ -35,7 +35,7 @@ from gem_lite.language import Queries, split_location
 from gem_lite.maps.query_maps import query_maps
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.policies.base import METHODS, Policy, SceneT
-from gem_lite.policies.choosing import Gate
+from gem_lite.policies.choosing import Gate, is_relation, relation_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet
@@ -217,17 +217,21 @@ class Rival(Policy[SceneT]):
         """GEM's text-conditioned maps, with their words "left" and "and".
 
         A pick is gated by its map, but not the start of a push. A place is gated if its phrase has a location word,
-        since GEM's place reads such a word from its map.
+        since GEM's place reads such a word from its map; and if it is a relation, as GEM's.
         """
         if not self.config.map_rules:
             return {}
         gating = {} if queries.push else {"pick": queries.pick}
-        if isinstance(queries.place, str) and split_location(queries.place)[0]:
+        related = is_relation(queries.place)
+        if isinstance(queries.place, str) and (related or split_location(queries.place)[0]):
             gating["place"] = queries.place
         scene = self._map_source.embed(views)
         height = torch.from_numpy(scene.heightmap.height)
         maps = {role: query_maps(self._map_source, scene, query, self._map_config) for role, query in gating.items()}
-        return {role: Gate(torch.from_numpy(of.fused), height, self._map_config) for role, of in maps.items()}
+        gates = {role: Gate(torch.from_numpy(of.fused), height, self._map_config) for role, of in maps.items()}
+        if related:
+            gates["place"] = relation_gate(gates["place"].semantic, height)
+        return gates
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     packing_box_pairs,
     packing_objects,
     packing_shapes,
+    put_beside,
     put_block_in_bowl,
     separating_piles,
     stack_block_pyramid,

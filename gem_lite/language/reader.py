@@ -1,0 +1,114 @@
+"""A parser of other people's words: the grammar, then a language model that chooses among a sentence's own spans.
+
+The grammar reads what it is sure of (A.1.6: a noun parser). What it refuses goes to the model, see `readings`. If no
+reading is likely enough, the parser asks instead of acting.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NoReturn
+
+from gem_lite.language import models, readings
+from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
+from gem_lite.language.models import ModelError, Scorer
+from gem_lite.language.phrases import TOKEN, conjuncts, with_relation, without_determiner
+from gem_lite.language.queries import PARSERS, Queries
+from gem_lite.language.spans import DETERMINERS, Sentence, Span
+from gem_lite.language.word_lists import RELATIONS
+
+LOWEST_PROBABILITY = 0.5
+"""A reading with a lower probability is asked about. Chosen on sentences for development (experiments/other_words)."""
+MOST_WORDS = 40
+"""Longer texts are no requests."""
+
+
+class ModelParser:
+    """Reads with the grammar, then with a language model.
+
+    Args:
+        model: scores spans as answers.
+        lowest_probability: a higher one asks more often.
+    """
+
+    def __init__(self, model: Scorer, lowest_probability: float = LOWEST_PROBABILITY) -> None:
+        self.model = model
+        self.lowest_probability = lowest_probability
+
+    def __call__(self, instruction: str) -> Queries:
+        """The queries of an instruction.
+
+        Raises:
+            ValueError: neither reads it, or no reading is likely enough; the text is a question to ask back.
+        """
+        try:
+            return parse(instruction)
+        except ValueError:
+            if not isinstance(instruction, str) or not instruction.strip():
+                raise
+        sentence = Sentence.read(instruction)
+        if len(sentence.words) > MOST_WORDS:
+            _ask(instruction, f"has more than {MOST_WORDS} words")
+        reason = readings.reason_to_ask(sentence)
+        if reason:
+            _ask(instruction, reason)
+        reading, probability = readings.likeliest(self.model, sentence)
+        if reading is None:
+            _ask(instruction, "names no pick and place that I can find in it")
+        try:
+            queries = Queries(readable(sentence.said(reading.thing)), place_phrase(sentence, reading.place))
+        except ValueError as error:  # "between" and one thing
+            _ask(instruction, f"is not clear to me: {error}")
+        if probability < self.lowest_probability:
+            _ask(instruction, f"is not clear to me; shall I {queries}?")
+        return queries
+
+
+def _ask(instruction: str, reason: str) -> NoReturn:
+    raise ValueError(f"the instruction {instruction!r} {reason}; say one pick and one place, {EXAMPLE}")
+
+
+def readable(text: str) -> str:
+    """A thing's words as a query: as the grammar reads them, or in small letters without a determiner."""
+    try:
+        return parse_thing(text)
+    except ValueError:
+        return " ".join(without_determiner(TOKEN.findall(text.lower())))
+
+
+def place_phrase(sentence: Sentence, span: Span) -> str:
+    """The place as a query, with the relation that the words before it say: "left of green bowl"."""
+    start = span[0]
+    while sentence.word(start - 1) in DETERMINERS:
+        start -= 1
+    before = " ".join(sentence.words[:start])
+    wordings = [wording for wording in RELATIONS if f" {before}".endswith(f" {wording}")]
+    place = readable(sentence.said(span))
+    if not wordings:
+        return place
+    things = tuple(readable(thing) for thing in conjuncts(place))
+    return with_relation(RELATIONS[max(wordings, key=len)], things)
+
+
+@lru_cache(maxsize=1)
+def _small_parser() -> ModelParser:
+    return ModelParser(models.load())
+
+
+def read_words(instruction: str) -> Queries:
+    """As the grammar, and with the small language model where the grammar refuses; without the model it asks.
+
+    Raises:
+        ValueError: see `ModelParser`; or the small language model cannot be had.
+    """
+    try:
+        return parse(instruction)
+    except ValueError as refused:
+        try:
+            parser = _small_parser()
+        except ModelError as error:
+            raise ValueError(f"{refused}; and {error}") from error
+    return parser(instruction)
+
+
+PARSERS.register("words")(read_words)  # not as a decorator, so that its type stays: one goal for an instruction
