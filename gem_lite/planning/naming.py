@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from gem_lite.maps import refusal
+from gem_lite.maps import refusal, things
 from gem_lite.maps.semantic_map import SceneEmbedding, single_view_map
 from gem_lite.maps.sources import MapSource
+from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Workspace
 
 
@@ -47,7 +48,7 @@ def named_things(scene: SceneEmbedding, names: Sequence[str], source: MapSource)
     """
     if not names:
         raise ValueError("names is empty: give the names that things on the table may have")
-    masks = whole_things(scene)
+    masks = whole_things(scene.heightmap)
     if not masks:
         return []
     source.clip.embed_texts(list(names))  # All at once is faster than one by one, and the CLIP keeps them.
@@ -66,12 +67,12 @@ def name_scores(scene: SceneEmbedding, name: str, source: MapSource, masks: Sequ
     return np.mean([refusal.thing_scores(semantic, masks) for semantic in maps], axis=0)
 
 
-def whole_things(scene: SceneEmbedding) -> list[np.ndarray]:
-    """The things of `refusal.things`, (H, W) bool each. A flat part of a thing that rises, such as a blade, is its."""
-    rising, flat = refusal.things(scene)
+def whole_things(heightmap: HeightMap) -> list[np.ndarray]:
+    """The things of `maps.things`, (H, W) bool each. A flat part of a thing that rises, such as a blade, is its."""
+    rising, flat = things.things(heightmap)
     alone = []
     for part in flat:
-        around = ndimage.binary_dilation(part, iterations=refusal.BESIDE + 1)
+        around = ndimage.binary_dilation(part, iterations=things.BESIDE + 1)
         touching = [number for number, mask in enumerate(rising) if (mask & around).any()]
         if touching:
             rising[touching[0]] = rising[touching[0]] | part
