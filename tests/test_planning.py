@@ -5,12 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from experiments.planning import nouns
+from experiments.planning.scenes import KINDS, MEMBERS
 from gem_lite.maps import refusal, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
 from gem_lite.planning.naming import NamedThing, lies_in, middle, whole_things
 from gem_lite.planning.planner import Planner, Step
 from gem_lite.se2 import Workspace
+from gem_lite.simulation.bodies import objects
 
 NAMES = ("train", "mug", "robot", "hammer")
 BOX = "brown box"
@@ -272,3 +275,22 @@ def test_a_flat_part_belongs_to_the_thing_that_it_touches(monkeypatch):
     whole, alone = whole_things(None)
     assert np.array_equal(whole, handle | blade)
     assert np.array_equal(alone, paper)
+
+
+# The experiment -----------------------------------------------------------------------------------------
+
+
+def test_the_area_under_the_curve_is_the_share_of_pairs_in_the_right_order():
+    members = {kind: (kind,) for kind in KINDS}
+    scores = np.eye(len(KINDS))
+    assert nouns.mean_area(scores, members) == 1.0
+    assert nouns.mean_area(np.zeros_like(scores), members) == 0.5
+    scores[0, 1] = 2.0  # of the second kind, one of four pairs is in the wrong order
+    assert nouns.mean_area(scores, members) == pytest.approx(1 - 0.25 / len(KINDS))
+
+
+def test_no_noun_for_development_names_an_object_or_is_a_noun_of_the_library():
+    development = {name for names in nouns.DEVELOPMENT.values() for name in names}
+    assert not development & {*objects.NAMES, *belonging.NOUNS}
+    assert not {*objects.NAMES} & {*belonging.NOUNS}
+    assert {name for names in MEMBERS.values() for name in names} <= {*objects.NAMES}
