@@ -12,7 +12,7 @@ from gem_lite import clip
 STORED = clip.DATA / "demos" / "put-block-in-bowl-seen-colors-10"
 SCENE = clip.DATA / "foreign-scenes" / "workbench"
 EXAMPLE = Path(__file__).parents[1] / "docs" / "robot_example.py"
-BELOW = ("rgbd", "clip", "demonstrations", "maps", "policies", "training")
+BELOW = ("rgbd", "clip", "demonstrations", "maps", "planning", "policies", "training")
 """Packages that a robot's own program uses."""
 COMMANDS = {
     f"{STORED}: 10 episodes": ["verify", str(STORED)],

@@ -136,9 +136,9 @@ def fit(
     others = alternatives(phrase, nouns, source.clip)
     source.clip.embed_texts([phrase, *others])  # All at once is faster than one by one, and the CLIP keeps them.
     semantic = source.map(scene, phrase)
-    masks = rising + [_near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
-    wanted = _scores(semantic, masks)  # (things,)
-    rivals = np.array([_scores(source.map(scene, other), masks) for other in others])  # (alternatives, things)
+    masks = rising + [near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
+    wanted = thing_scores(semantic, masks)  # (things,)
+    rivals = np.array([thing_scores(source.map(scene, other), masks) for other in others])  # (alternatives, things)
     margins = wanted - rivals.max(axis=0, initial=-np.inf)
     enough = (wanted >= LOWEST_SCORE) | is_vague(phrase)
     best = int(np.where(enough, margins, -np.inf).argmax()) if enough.any() else int(wanted.argmax())
@@ -148,15 +148,15 @@ def fit(
     return PhraseFit(phrase, x, y, float(wanted[best]), float(margins[best]), alternative)
 
 
-def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
+def near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
     """The cells of a mask (H, W) within `REACH` of the one at which a map is highest."""
     row, col = np.unravel_index(np.where(mask, semantic, -np.inf).argmax(), mask.shape)
     rows, cols = np.indices(mask.shape)
     return mask & (np.hypot(rows - row, cols - col) * workspace.pixel <= REACH)
 
 
-def _scores(semantic: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
-    """The score of each thing on a map."""
+def thing_scores(semantic: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
+    """The score of each thing, a mask (H, W) of `things`, on a map (H, W): the mean over `BEST_SHARE` of its cells."""
     scores = []
     for mask in masks:
         values = np.sort(semantic[mask])

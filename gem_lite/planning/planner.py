@@ -1,0 +1,213 @@
+"""The planner: look, choose the next thing that belongs, say the sentence; the policy acts; look again.
+
+    planner = Planner(goals.read("pick all toys and place them into the brown box"), belongs, names, policy.source)
+    while (sentence := planner.next(observation)) is not None:
+        observation = robot.do(policy.act(observation, sentence))
+    print(planner.plan)
+
+The planner sees what the policy sees, camera views, and nothing else. It looks again after every act, so a thing that
+fell back on the table is seen and tried once more.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gem_lite import language
+from gem_lite.language import Parser, Queries
+from gem_lite.maps import refusal
+from gem_lite.maps.semantic_map import SceneEmbedding
+from gem_lite.maps.sources import MapSource
+from gem_lite.planning.goals import Goal
+from gem_lite.planning.naming import NamedThing, lies_in, named_things
+from gem_lite.rgbd.observation import Observation
+
+TRIES = 2
+"""A thing that stays on the table after so many sentences is given up."""
+Belongs = Callable[[Sequence[str], str], Sequence[bool]]
+"""Whether each of some names belongs to a kind, such as `belonging.Belonging`."""
+Namer = Callable[[SceneEmbedding, Sequence[str], MapSource], list[NamedThing]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A sentence of a plan, and whether the table afterwards lacks the thing; None before anybody looked again."""
+
+    sentence: str
+    name: str
+    done: bool | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a planner said so far.
+
+    Attributes:
+        steps: the sentences in their order.
+        missing: what is not on the table, a sentence each.
+        failed: what was given up after `TRIES`, or has a name that the parser refuses, a sentence each.
+    """
+
+    steps: tuple[Step, ...]
+    missing: tuple[str, ...]
+    failed: tuple[str, ...]
+
+
+Found = tuple[SceneEmbedding, NamedThing]
+"""A thing, and the table on which it lies."""
+
+
+@dataclass
+class _Progress:
+    """What was done for one goal.
+
+    Attributes:
+        said: the number of its sentences.
+        most: the largest number of them, so that a thing whose name changes with every look ends, too; 0 before a look.
+        done: the number of sentences after which their thing was gone.
+        tried: how often the thing of each name stayed on the table.
+        given_up: the names that are not tried again.
+        before: how often each name was on the table when the last sentence was said; None if that was judged.
+    """
+
+    said: int = 0
+    most: int = 0
+    done: int = 0
+    tried: Counter[str] = field(default_factory=Counter)
+    given_up: set[str] = field(default_factory=set)
+    before: Counter[str] | None = None
+
+
+class Planner:
+    """Says the next sentence for a policy, until the goals are reached or given up.
+
+    Args:
+        goals: see `goals.read` and `goals.read_lines`.
+        belongs: which names belong to a kind.
+        names: what things on the table may be called. See `naming.named_things`.
+        source: the policy's map source.
+        parser: the policy's reader of sentences. Every line is read by it before it is said.
+        namer: gives the things their names.
+
+    Raises:
+        ValueError: there is no goal or no name.
+    """
+
+    def __init__(
+        self, goals: Sequence[Goal], belongs: Belongs, names: Sequence[str], source: MapSource,
+        parser: Parser = language.parse, namer: Namer = named_things,
+    ) -> None:  # fmt: skip
+        for argument, given in (("goals", goals), ("names", names)):
+            if not given:
+                raise ValueError(f"{argument} is empty: give at least one")
+        self._goals = deque(goals)
+        self._belongs, self._names, self._source, self._parser, self._namer = belongs, names, source, parser, namer
+        self._steps: list[Step] = []
+        self._missing: list[str] = []
+        self._failed: list[str] = []
+        self._progress = _Progress()
+
+    @property
+    def plan(self) -> Plan:
+        """The plan so far."""
+        return Plan(tuple(self._steps), tuple(self._missing), tuple(self._failed))
+
+    def next(self, *observations: Observation) -> str | None:
+        """The next sentence, or None if no goal is left.
+
+        Args:
+            observations: what the cameras see now, one for each table.
+
+        Raises:
+            ValueError: there is no observation.
+        """
+        if not observations:
+            raise ValueError("observations is empty: there must be one for each table")
+        scenes = [self._source.embed(observation.views) for observation in observations]
+        while self._goals:
+            goal = self._goals[0]
+            outside = self._outside(scenes, goal.place)
+            step = None
+            if outside is None:
+                self._missing.append(f'there is no "{goal.place}": nothing on the table looks like it')
+            else:
+                self._judge_last_step(Counter(thing.name for _, thing in outside))
+                step = self._choose(goal, outside, scenes)
+            if step is not None:
+                self._steps.append(step)
+                return step.sentence
+            self._goals.popleft()
+            self._progress = _Progress()
+        return None
+
+    def _outside(self, scenes: Sequence[SceneEmbedding], place: str) -> list[Found] | None:
+        """The things that lie outside of a place; None if there is no such place."""
+        found = [(scene, thing) for scene in scenes for thing in self._namer(scene, self._names, self._source)]
+        maps = {id(scene): self._source.map(scene, place) for scene in scenes}
+        scores = [refusal.thing_scores(maps[id(scene)], [thing.mask])[0] for scene, thing in found]
+        if not found or max(scores) < refusal.LOWEST_SCORE:
+            return None
+        there, best = found.pop(int(np.argmax(scores)))
+        return [(scene, thing) for scene, thing in found if scene is not there or not lies_in(thing, best)]
+
+    def _judge_last_step(self, now: Counter[str]) -> None:
+        """Say of the last step whether its thing is gone, and give up what was tried often enough.
+
+        Args:
+            now: how often each name is on the table.
+        """
+        before = self._progress.before
+        if before is None:
+            return
+        last = self._steps[-1]
+        done = now.total() < before.total() and (last.name not in before or now[last.name] < before[last.name])
+        self._steps[-1] = replace(last, done=done)
+        self._progress.before = None
+        self._progress.done += done
+        self._progress.tried[last.name] += not done
+        if not done and self._progress.tried[last.name] == TRIES:
+            self._progress.given_up.add(last.name)
+            self._failed.append(f'the "{last.name}" is still on the table after {TRIES} tries')
+
+    def _choose(self, goal: Goal, outside: Sequence[Found], scenes: Sequence[SceneEmbedding]) -> Step | None:
+        """The next step to a goal, of those that pass every check; None if there is none."""
+        progress = self._progress
+        progress.most = progress.most or TRIES * max(1, len(outside))
+        if progress.said == progress.most or (progress.done and not goal.every):
+            return None
+        if goal.every:
+            belong = self._belongs([thing.name for _, thing in outside], goal.thing)
+            right = [found for found, belongs in zip(outside, belong, strict=True) if belongs]
+            right.sort(key=lambda found: -found[1].score)
+            candidates = [(Step(goal.line(thing.name), thing.name), [scene]) for scene, thing in right]
+            if not right and not progress.said:
+                self._missing.append(f'there is no "{goal.thing}" outside of the "{goal.place}"')
+        else:
+            candidates = [(Step(goal.sentence, goal.thing), list(scenes))]
+        for step, where in candidates:
+            if step.name not in progress.given_up and self._passes(step, where):
+                progress.said += 1
+                progress.before = Counter(thing.name for _, thing in outside)
+                return step
+        return None
+
+    def _passes(self, step: Step, scenes: Sequence[SceneEmbedding]) -> bool:
+        """Whether the parser reads a step's sentence, and its thing is on one of the tables. Others are given up."""
+        try:
+            queries = self._parser(step.sentence)
+        except ValueError as error:
+            self._progress.given_up.add(step.name)
+            self._failed.append(str(error))
+            return False
+        goals = (queries,) if isinstance(queries, Queries) else queries
+        picks = [goal.pick for goal in goals]
+        reasons = [refusal.refusal(scene, picks, self._source, self._names) for scene in scenes]
+        if all(reasons):
+            self._progress.given_up.add(step.name)
+            self._missing.append(str(reasons[0]))
+            return False
+        return True
