@@ -35,7 +35,7 @@ def play(
     print(measuring.table(path))
 
 
-def table(rows: Path = Path("data/results/planning.jsonl"), /) -> None:
+def table(rows: Path = Path("data/planning/rows.jsonl"), /) -> None:
     """Print the table of stored rows.
 
     Args:
