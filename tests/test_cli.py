@@ -32,8 +32,8 @@ SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = ("benchmark", "clip_tabletop", "foreign_table", "planning", "pointing", "sensor_noise")
 COMMANDS = (
-    "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan", "names",
-    "clip calibrate", "results list", "results show",
+    "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
+    "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "planning play", "planning table", "planning nouns", "pointing",

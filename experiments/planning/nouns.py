@@ -43,7 +43,7 @@ DEVELOPMENT = {
 
 
 def table(model: Scorer) -> str:
-    """The area under the ROC curve for each score, the mean over the kinds; what passes `belonging.LOWEST_MARGIN`."""
+    """The area under the ROC curve of each score, mean over the kinds; and what passes `belonging.LOWEST_MARGIN`."""
     lines = ["| score | nouns for development | names of the objects |", "|---|---|---|"]
     found = [scores_of(model, members) for members in (DEVELOPMENT, MEMBERS)]
     for name in found[0]:
