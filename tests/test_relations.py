@@ -11,6 +11,7 @@ from small import SMALL, small
 from tabletop import block, bowl, lay_out, teleport
 
 from gem_lite import language, tasks
+from gem_lite.evaluation import evaluate
 from gem_lite.foundations import colors
 from gem_lite.language import Queries, parse, split_relation
 from gem_lite.maps import crop_memory, refusal, relations
@@ -240,6 +241,14 @@ def test_a_place_that_is_not_free_is_no_act(model, observation):
     policy = policy_of("gem", model)
     with pytest.raises(ValueError, match='there is no free place left of "blue block"'):
         policy.act(observation, "put the red block to the left of the blue block")
+
+
+def test_an_episode_in_which_no_place_is_free_ends_with_the_reason(blind):
+    def refuse(environment, observations, empty_picks):
+        raise relations.NoFreePlaceError(relations.no_free_place("behind mug"))
+
+    episode = evaluate.run_episode(blind, refuse, "put-beside-seen-colors", "val", 0)
+    assert (episode.reward, episode.error) == (0.0, 'there is no free place behind "mug"')
 
 
 def test_the_words_of_a_relation_reach_no_network_and_no_crop(model):

@@ -32,13 +32,15 @@ def fit(*, without_model: bool = False) -> None:
     from experiments.other_words import fit as fitting
     from experiments.other_words.sentences import development, outcome
     from gem_lite.foundations.files import write_atomically
-    from gem_lite.language import models, parse
+    from gem_lite.language import models
+    from gem_lite.language.reader import ModelParser
     from gem_lite.language.readings import WEIGHTS
 
     items = development()
-    found = fitting.tables(items, models.load(), KEPT)
+    model = models.load()
+    found = fitting.tables(items, model, KEPT)
     reached = {table.item.sentence for table in found}
-    others = Counter(outcome(item, parse) for item in items if item.sentence not in reached)
+    others = Counter(outcome(item, ModelParser(model)) for item in items if item.sentence not in reached)
     print(f"{len(items)} sentences; {len(found)} of them reach the model; of the others {dict(others)}")
     names = [name for name in fitting.feature_names(found) if not (without_model and name.endswith(": model"))]
     chances = fitting.held_out(found, names)

@@ -57,7 +57,7 @@ def tables(items: Sequence[Annotated], model: Scorer, kept: Path) -> list[Table]
     for item in tqdm(items, unit="sentence"):
         sentence = Sentence.read(item.sentence)
         candidates = spans(sentence)
-        if reads_alone(item.sentence) or reason_to_ask(sentence) or len(candidates) < 2:
+        if reason_to_ask(sentence) or reads_alone(item.sentence) or len(candidates) < 2:
             continue
         if item.sentence not in known:
             scores = score_spans(model, sentence, candidates)
@@ -84,9 +84,7 @@ def agrees(sentence: Sentence, reading: Reading | None, item: Annotated) -> bool
     if reading is None or item.queries is None:
         return reading is None and item.queries is None
     try:
-        return same(
-            Queries(readable(sentence.said(reading.thing)), place_phrase(sentence, reading.place)), item.queries
-        )
+        return same(Queries(readable(sentence.said(reading.thing)), place_phrase(sentence, reading.place)), item)
     except ValueError:
         return False
 

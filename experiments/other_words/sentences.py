@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -74,14 +75,23 @@ def outcome(item: Annotated, parser: Parser) -> Outcome:
     understood = understand(item.sentence, parser)
     if isinstance(understood, Question):
         return "right" if item.expected == "refuse_or_ask" else "asked"
-    return "right" if len(understood) == 1 and same(understood[0], item.queries) else "misread"
+    return "right" if len(understood) == 1 and same(understood[0], item) else "misread"
 
 
-def same(found: Queries, expected: Queries | None) -> bool:
-    """Whether queries are the expected ones, apart from words that point ("over there")."""
+def same(found: Queries, item: Annotated) -> bool:
+    """Whether queries are those of a person, apart from words that point ("over there").
+
+    The writers call "mug" what is to be picked in "grab the mug by its handle". The paper's policies pick it there:
+    "mug handle" (A.11) is right, too.
+    """
+    expected = item.queries
     if expected is None:
         return False
-    return all(plain(str(a)) == plain(str(b)) for a, b in ((found.pick, expected.pick), (found.place, expected.place)))
+    picks = {plain(str(expected.pick))}
+    part = re.search(r" by (?:its|the|their) (\w+)", item.sentence)
+    if part:
+        picks.add(f"{plain(str(expected.pick))} {part.group(1)}")
+    return plain(str(found.pick)) in picks and plain(str(found.place)) == plain(str(expected.place))
 
 
 def plain(phrase: str) -> str:

@@ -74,7 +74,7 @@ def frame(path: Path = Path("runs/relations/frame.png"), /) -> None:
         path: file of the picture
 
     Examples:
-      python -m experiments.relations frame docs/static/relations.png
+      python -m experiments.relations frame experiments/relations/frame.png
     """
     from experiments.relations import pictures
 

@@ -13,7 +13,7 @@ from gem_lite.actions import PickPlace
 from gem_lite.clip import Clip
 from gem_lite.evaluation.rollout import Observations, rollout
 from gem_lite.maps.query_maps import query_maps
-from gem_lite.maps.relations import no_free_place
+from gem_lite.maps.relations import NoFreePlaceError, no_free_place
 from gem_lite.maps.semantic_map import plateau_centre
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.policies.gem_config import LITE
@@ -41,13 +41,13 @@ def act(source: MapSource, observations: Observations, sentence: str) -> PickPla
     """Pick at the centre of the pick map's highest plateau, place at that of the place map's, without a turn.
 
     Raises:
-        ValueError: no place is free.
+        NoFreePlaceError: no place is free.
     """
     scene = source.embed(observations[0].views)
     queries = language.parse(sentence)
     place_map = query_maps(source, scene, queries.place, LITE).fused
     if not place_map.any():
-        raise ValueError(no_free_place(str(queries.place)))
+        raise NoFreePlaceError(no_free_place(str(queries.place)))
     pick_map = query_maps(source, scene, queries.pick, LITE).fused
     pick, place = (LITE.workspace.to_world(*plateau_centre(semantic, LITE)) for semantic in (pick_map, place_map))
     return PickPlace(Pose2(*pick), Pose2(*place))
@@ -70,7 +70,7 @@ def play(task_name: str, split: tasks.Split, episodes: int, model: Clip) -> list
                 reward = sum(
                     turn.result.reward for turn in rollout(world, task, tasks.episode_seed(split, index), actor)
                 )
-            except ValueError as reason:
+            except NoFreePlaceError as reason:
                 refused = str(reason)
             relation, _ = language.split_relation(str(language.parse(task.instruction).place))
             played.append(Played(task.instruction, str(relation), float(np.clip(reward, 0, 1)), refused))

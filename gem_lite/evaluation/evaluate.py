@@ -15,6 +15,7 @@ from gem_lite.evaluation.actors import LITE, SCRIPTED
 from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.rollout import Actor, Chosen, Observations, rollout
 from gem_lite.evaluation.table_poses import Condition
+from gem_lite.maps.relations import NoFreePlaceError
 from gem_lite.policies import methods
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.se2 import Pose2, Workspace
@@ -167,11 +168,14 @@ def run_episode(
     placed_decisions = 0
     retaken = 0
     error = ""
-    for turn in rollout(environment, task, tasks.episode_seed(split, index), actor, observations):
-        total += turn.result.reward
-        placed_decisions += bool(turn.placed)
-        retaken += turn.picked in turn.placed
-        error = turn.error
+    try:
+        for turn in rollout(environment, task, tasks.episode_seed(split, index), actor, observations):
+            total += turn.result.reward
+            placed_decisions += bool(turn.placed)
+            retaken += turn.picked in turn.placed
+            error = turn.error
+    except NoFreePlaceError as reason:  # The policy refuses to act on, with this reason.
+        error = str(reason)
     reward = min(max(total, 0.0), 1.0)  # gains and losses may add up to -1e-16
     return Episode(index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken, error)
 

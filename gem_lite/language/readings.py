@@ -71,8 +71,8 @@ UNIT = 3.0
 
 COURTESIES = re.compile(
     r"if (you (don't|do not) mind|you (could|can|would|please|have|get)|possible|i may|it's no \w+|it is no \w+)|"
-    r"when(ever)? (you|it) \w+|once you \w+|no (rush|hurry|problem|worries)|any chance|i'd appreciate it if|"
-    r"(would|do) you mind"
+    r"(would be|'d be|'d|would) (\w+ )?(appreciate it|grateful|happy|glad|great|nice|lovely|cool|good|kind|super) if|"
+    r"when(ever)? (you|it) \w+|once you \w+|no (rush|hurry|problem|worries)|any chance|(would|do) you mind"
 )
 """What is polite, and neither a condition nor a negation."""
 NEGATIONS = frozenset(
@@ -82,15 +82,17 @@ NEGATIONS = frozenset(
 CHOICES = frozenset(("or", "either", "whichever", "whether"))
 EXCHANGES = frozenset(("swap", "exchange", "switch", "trade", "substitute", "replace"))
 AMOUNTS = frozenset(
-    ("all", "every", "each", "any", "everything", "both", "half", "several", "few", "many", "two", "three", "four",
-     "five", "six", "seven", "eight", "nine", "ten", "dozen", "couple", "lot", "whole", "rest", "most", "more", "other",
-     "another", "everyone", "anything", "whatever", "only", "enough")
+    ("all", "every", "each", "everything", "everyone", "both", "half", "several", "few", "many", "two", "three", "four",
+     "five", "six", "seven", "eight", "nine", "ten", "dozen", "couple", "rest", "whatever")
 )  # fmt: skip
+"""Words for more than one thing, or for a part of them: one pick cannot do it, but a plan can (`planning`)."""
+MORE = frozenset(("any", "lot", "whole", "most", "more", "other", "another", "anything", "only", "enough"))
+"""Words that often say an amount, and sometimes do not."""
 QUESTION_WORDS = frozenset(
     ("what", "which", "who", "whose", "where", "how", "why", "when", "is", "are", "was", "were", "did", "does", "has",
      "have", "do", "am")
 )  # fmt: skip
-PAST = frozenset(("yesterday", "already", "ago", "did"))
+PAST = frozenset(("yesterday", "ago"))
 REFERRING = frozenset(("it", "them", "that"))
 
 
@@ -116,7 +118,7 @@ class Scores:
 def reason_to_ask(sentence: Sentence) -> str:
     """Why a sentence is asked about before any model reads it; "" if there is no reason.
 
-    Negations, choices, conditions, exchanges and questions are told by closed classes of words.
+    Negations, choices, conditions, exchanges, amounts, questions and the past are told by closed classes of words.
     """
     plain = COURTESIES.sub(" ", " ".join(sentence.words))
     words = plain.split()
@@ -129,6 +131,10 @@ def reason_to_ask(sentence: Sentence) -> str:
             return f"says {word!r}: a choice"
         if word in EXCHANGES:
             return f"says {word!r}: two goals"
+        if word in AMOUNTS:
+            return f"says {word!r}: more than one pick"
+        if word in PAST:
+            return f"says {word!r}: it is over"
     if "if" in words:
         return "has a condition"
     if words and words[0] in QUESTION_WORDS and "?" in words and words.index("?") == len(words) - 1:
@@ -237,10 +243,8 @@ def _of_no_request(sentence: Sentence) -> dict[str, float]:
     starts_as_question = sentence.words[0] in QUESTION_WORDS
     return {
         "always": 1.0,
-        "an amount": bool(words & AMOUNTS),
+        "an amount": bool(words & MORE),
         "begins as a question": starts_as_question,
-        "is a question": starts_as_question and sentence.words[-1] == "?",
-        "the past": bool(words & PAST),
         "more than two things": max(0, len(_determined(sentence)) - 2),
         "no placing word": not words & (PLACING - {"of", "to"}),
         "no to": "to" not in words,

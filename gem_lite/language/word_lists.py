@@ -25,11 +25,12 @@ RELATIONS = {
         for side in ("left", "right")
         for wording in (
             "{} of", "to the {} of", "on the {} of", "to the {} side of", "on the {} side of", "at the {} side of",
-            "on the {}-hand side of", "to the {}-hand side of",
+            "on the {}-hand side of", "to the {}-hand side of", "at the {} of",
         )
     },
     "in front of": "in front of", "behind": "behind",
-    "beside": "beside", "next to": "beside", "alongside": "beside",
+    "beside": "beside", "by the side of": "beside", "at the side of": "beside", "next to": "beside",
+    "alongside": "beside",
     BETWEEN: BETWEEN, "in between": BETWEEN,
 }  # fmt: skip
 """Wordings that say where to place, on the table and beside a thing, and the relation that each of them means.
@@ -46,7 +47,9 @@ PARTS = (
 """Parts that "by the ..." may name; after "by the", another word could be a thing that stands there."""
 FEATURES = ("stripes", "dots", "spots", "cleats", "laces", "leopard", "flowers", "letters", "wheels", "handles")
 """After "with", these words and adjectives describe a thing; other words could say how to do it: "with care"."""
-DETERMINERS = ("the", "a", "an", "all", "both", "each", "every", "some", "any", "one", "my", "your", "our")
+DETERMINERS = (
+    "the", "teh", "hte", "a", "an", "all", "both", "each", "every", "some", "any", "one", "my", "your", "our",
+)  # fmt: skip
 OF_SEVERAL = ("all", "both", "each", "every")
 """Determiners that no place has: a thing cannot lie in "both bowls"."""
 

@@ -47,6 +47,10 @@ BESIDE = "beside"
 """Any of the four directions."""
 
 
+class NoFreePlaceError(ValueError):
+    """No place with a relation to things is free. The message names the relation and the things."""
+
+
 def place_map(
     relation: str, anchors: Sequence[np.ndarray], heightmap: HeightMap, config: PatchConfig
 ) -> np.ndarray:  # fmt: skip
@@ -126,25 +130,30 @@ def free_places(
         allowed = ", ".join(dict.fromkeys(language.RELATIONS.values()))
         raise ValueError(f"relation must be one of {allowed}, got {relation!r}")
     x, y = workspace.to_world(*np.indices(workspace.shape))
-    far = ndimage.distance_transform_edt(~covered) * workspace.pixel >= HALF + GAP
-    free = far & workspace.contains(x, y, HALF)
-    return free & (_between(anchors, x, y) if relation == language.BETWEEN else _beside(relation, anchors[0], x, y))
+    free = (distance_to(covered, workspace) >= HALF + GAP) & workspace.contains(x, y, HALF)
+    if relation == language.BETWEEN:
+        return free & _around_middle(anchors, x, y)
+    band = distance_to(anchors[0], workspace) <= HALF + GAP + WIDTH
+    steps = DIRECTIONS.values() if relation == BESIDE else [DIRECTIONS[relation]]
+    return free & band & np.any([_sector(anchors[0], step, x, y) for step in steps], axis=0)
 
 
-def _beside(relation: str, anchor: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The cells of the band around a thing, in the directions of a relation; x and y are those of the cells."""
-    distance = ndimage.distance_transform_edt(~anchor) * abs(x[0, 1] - x[0, 0])
-    sectors = np.zeros(anchor.shape, bool)
-    for step_x, step_y in DIRECTIONS.values() if relation == BESIDE else [DIRECTIONS[relation]]:
-        along = step_x * x + step_y * y
-        across = step_y * x - step_x * y
-        off = np.abs(across - across[anchor].mean())
-        in_sector = off <= math.tan(SECTOR) * (along - along[anchor].mean())
-        sectors |= in_sector & (along > along[anchor].max())
-    return sectors & (distance <= HALF + GAP + WIDTH)
+def distance_to(cells: np.ndarray, workspace: Workspace) -> np.ndarray:
+    """How far (m) each cell (H, W) is from the nearest of some cells (H, W) bool, from centre to centre."""
+    if not cells.any():
+        return np.full(cells.shape, np.inf)
+    return ndimage.distance_transform_edt(~cells) * workspace.pixel
 
 
-def _between(anchors: Sequence[np.ndarray], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _sector(anchor: np.ndarray, step: tuple[int, int], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The cells beyond a thing in the direction of a step, at most `SECTOR` off as seen from its middle."""
+    along = step[0] * x + step[1] * y
+    across = step[1] * x - step[0] * y
+    off = np.abs(across - across[anchor].mean())
+    return (along > along[anchor].max()) & (off <= math.tan(SECTOR) * (along - along[anchor].mean()))
+
+
+def _around_middle(anchors: Sequence[np.ndarray], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The cells around the middle of the line from one thing to another; none if both are the same."""
     start, end = (np.array([x[anchor].mean(), y[anchor].mean()]) for anchor in anchors)
     if np.array_equal(start, end):

@@ -124,7 +124,7 @@ def check_relation(name: str, queries: Queries, gates: Sequence[Mapping[str, Gat
     if not maps:
         raise ValueError(f"{name} has no map of a place {str(queries.place)!r}: ask a gem policy with a semantic map")
     if not any(bool((semantic > 0).any()) for semantic in maps):
-        raise ValueError(relations.no_free_place(str(queries.place)))
+        raise relations.NoFreePlaceError(relations.no_free_place(str(queries.place)))
 
 
 def near_peak(
