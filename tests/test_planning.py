@@ -10,7 +10,7 @@ from experiments.planning.scenes import KINDS, MEMBERS
 from gem_lite.maps import refusal, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
-from gem_lite.planning.naming import NamedThing, lies_in, middle, whole_things
+from gem_lite.planning.naming import NamedThing, lies_in, middle, telling_phrase, whole_things
 from gem_lite.planning.planner import Planner, Step
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
@@ -133,6 +133,7 @@ class Table:
 
     def __init__(self, *things, with_box=True):
         self.things = [*things, *([box()] if with_box else [])]
+        self.shine = {}
 
     def embed(self, views):
         return SimpleNamespace(things=list(self.things))
@@ -140,8 +141,8 @@ class Table:
     def map(self, scene, query):
         semantic = np.zeros(SHAPE, np.float32)
         for found in scene.things:
-            if query == BOX and found.mask[20, 20]:
-                semantic[found.mask] = 1.0
+            named = query == BOX if found.mask[20, 20] else query.endswith(found.name)
+            semantic[found.mask] = self.shine.get(query, 1.0) if named else 0.0
         return semantic
 
     def pack(self, name):
@@ -252,6 +253,16 @@ def test_bad_input_is_refused():
         Planner(goals.read(ALL_TOYS), lambda names, kind: [], (), Table())
     with pytest.raises(ValueError, match="observations is empty"):
         planner(Table()).next()
+
+
+def test_a_colour_is_said_if_the_name_alone_does_not_tell_a_thing_from_others():
+    table = Table(thing("train", 0), thing("mug", 5), with_box=False)
+    scene = table.embed(())
+    found = [(scene, each) for each in scene.things]
+    assert telling_phrase(0, found, table) == "train"
+    table.shine = {"train": 0.09, "red train": 0.3, "blue train": 0.5, "black train": 0.4}
+    table.shine |= {f"{color} train": 0.0 for color in refusal.OTHER_COLORS if f"{color} train" not in table.shine}
+    assert telling_phrase(0, found, table) == "blue train"
 
 
 # Naming -------------------------------------------------------------------------------------------------

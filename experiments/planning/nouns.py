@@ -43,7 +43,7 @@ DEVELOPMENT = {
 
 
 def table(model: Scorer) -> str:
-    """The area under the ROC curve for each score, the mean over the kinds; what passes `belonging.LOWEST_MARGIN`."""
+    """The area under the ROC curve of each score, mean over the kinds; and what passes `belonging.LOWEST_MARGIN`."""
     lines = ["| score | nouns for development | names of the objects |", "|---|---|---|"]
     found = [scores_of(model, members) for members in (DEVELOPMENT, MEMBERS)]
     for name in found[0]:
@@ -64,11 +64,13 @@ def scores_of(model: Scorer, members: Mapping[str, Sequence[str]]) -> dict[str, 
     """(N, kinds) of each score: of all members for all kinds."""
     names = [name for kind in KINDS for name in members[kind]]
     belongs = Belonging(model)
+    from_lists = belonging.list_scores(model, names, KINDS)
+    from_sentences = belonging.kind_scores(model, names, KINDS)
     return {
         "yes or no": np.array([[belonging.yes_no_score(model, name, kind) for kind in KINDS] for name in names]),
-        "list": belonging.list_scores(model, names, KINDS),
-        "word for the kind": belonging.kind_scores(model, names, KINDS),
-        "list + word": belonging.scores(model, names, KINDS),
+        "list": from_lists,
+        "word for the kind": from_sentences,
+        "list + word": from_lists + from_sentences,
         "margin": np.stack([belongs.margins(names, kind) for kind in KINDS], axis=1),
     }
 

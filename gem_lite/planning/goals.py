@@ -36,9 +36,9 @@ class Goal:
     place: str
     every: bool
 
-    def line(self, name: str) -> str:
-        """The sentence that moves one thing of this name to the goal's place."""
-        return f"put the {name} in the {self.place}"
+    def line(self, phrase: str) -> str:
+        """The sentence that moves the thing that a phrase names to the goal's place."""
+        return f"put the {phrase} in the {self.place}"
 
 
 def read(instruction: str, kinds: Sequence[str] = KINDS, parser: Parser = language.parse) -> tuple[Goal, ...]:

@@ -18,6 +18,10 @@ from gem_lite.maps.sources import MapSource
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Workspace
 
+STANDS_OUT = 0.1
+"""A policy seldom picks another thing if the phrase scores at least this much higher on the right one. It was chosen on
+scenes with other seeds than those of experiments/planning."""
+
 
 @dataclass(frozen=True, eq=False)
 class NamedThing:
@@ -65,6 +69,33 @@ def name_scores(scene: SceneEmbedding, name: str, source: MapSource, masks: Sequ
     """How well a name fits each thing, a mask (H, W): the mean over the source's map and that of the height map."""
     maps = source.map(scene, name), single_view_map(scene, name, source.clip)
     return np.mean([refusal.thing_scores(semantic, masks) for semantic in maps], axis=0)
+
+
+Found = tuple[SceneEmbedding, NamedThing]
+"""A thing, and the table on which it lies."""
+
+
+def phrase_scores(found: Sequence[Found], phrase: str, source: MapSource) -> np.ndarray:
+    """The scores (N,) of things, on one table or several, on a source's map of a phrase: what a policy looks at."""
+    maps = {id(scene): source.map(scene, phrase) for scene, _ in found}
+    return np.array([refusal.thing_scores(maps[id(scene)], [thing.mask])[0] for scene, thing in found])
+
+
+def telling_phrase(number: int, found: Sequence[Found], source: MapSource) -> str:
+    """The phrase that tells the thing of this number from all others: its name, or its name with a colour.
+
+    A colour is said if the name alone scores less than `STANDS_OUT` higher on the thing than on another one: that
+    colour with which it stands out most.
+    """
+
+    def lead(phrase: str) -> float:
+        scores = phrase_scores(found, phrase, source)
+        return float(scores[number] - np.delete(scores, number).max(initial=-np.inf))
+
+    name = found[number][1].name
+    if lead(name) >= STANDS_OUT:
+        return name
+    return max([name, *(f"{color} {name}" for color in refusal.OTHER_COLORS)], key=lead)
 
 
 def whole_things(heightmap: HeightMap) -> list[np.ndarray]:

@@ -12,10 +12,8 @@ fell back on the table is seen and tried once more.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from gem_lite import language
 from gem_lite.language import Parser, Queries
@@ -23,7 +21,7 @@ from gem_lite.maps import refusal
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
 from gem_lite.planning.goals import Goal
-from gem_lite.planning.naming import NamedThing, lies_in, named_things
+from gem_lite.planning.naming import Found, NamedThing, lies_in, named_things, phrase_scores, telling_phrase
 from gem_lite.rgbd.observation import Observation
 
 TRIES = 2
@@ -57,8 +55,16 @@ class Plan:
     failed: tuple[str, ...]
 
 
-Found = tuple[SceneEmbedding, NamedThing]
-"""A thing, and the table on which it lies."""
+@dataclass(frozen=True)
+class _Table:
+    """All things but the place, and which of them lie outside of it."""
+
+    found: list[Found]
+    outside: list[bool]
+
+    def count(self) -> Counter[str]:
+        """How often each name lies outside."""
+        return Counter(thing.name for (_, thing), outside in zip(self.found, self.outside, strict=True) if outside)
 
 
 @dataclass
@@ -130,13 +136,13 @@ class Planner:
         scenes = [self._source.embed(observation.views) for observation in observations]
         while self._goals:
             goal = self._goals[0]
-            outside = self._outside(scenes, goal.place)
+            table = self._look(scenes, goal.place)
             step = None
-            if outside is None:
+            if table is None:
                 self._missing.append(f'there is no "{goal.place}": nothing on the table looks like it')
             else:
-                self._judge_last_step(Counter(thing.name for _, thing in outside))
-                step = self._choose(goal, outside, scenes)
+                self._judge_last_step(table.count())
+                step = self._choose(goal, table, scenes)
             if step is not None:
                 self._steps.append(step)
                 return step.sentence
@@ -144,15 +150,14 @@ class Planner:
             self._progress = _Progress()
         return None
 
-    def _outside(self, scenes: Sequence[SceneEmbedding], place: str) -> list[Found] | None:
-        """The things that lie outside of a place; None if there is no such place."""
+    def _look(self, scenes: Sequence[SceneEmbedding], place: str) -> _Table | None:
+        """What lies on the tables besides a place; None if there is no such place."""
         found = [(scene, thing) for scene in scenes for thing in self._namer(scene, self._names, self._source)]
-        maps = {id(scene): self._source.map(scene, place) for scene in scenes}
-        scores = [refusal.thing_scores(maps[id(scene)], [thing.mask])[0] for scene, thing in found]
-        if not found or max(scores) < refusal.LOWEST_SCORE:
+        scores = phrase_scores(found, place, self._source)
+        if scores.max(initial=0) < refusal.LOWEST_SCORE:
             return None
-        there, best = found.pop(int(np.argmax(scores)))
-        return [(scene, thing) for scene, thing in found if scene is not there or not lies_in(thing, best)]
+        there, best = found.pop(int(scores.argmax()))
+        return _Table(found, [scene is not there or not lies_in(thing, best) for scene, thing in found])
 
     def _judge_last_step(self, now: Counter[str]) -> None:
         """Say of the last step whether its thing is gone, and give up what was tried often enough.
@@ -173,27 +178,33 @@ class Planner:
             self._progress.given_up.add(last.name)
             self._failed.append(f'the "{last.name}" is still on the table after {TRIES} tries')
 
-    def _choose(self, goal: Goal, outside: Sequence[Found], scenes: Sequence[SceneEmbedding]) -> Step | None:
+    def _choose(self, goal: Goal, table: _Table, scenes: Sequence[SceneEmbedding]) -> Step | None:
         """The next step to a goal, of those that pass every check; None if there is none."""
         progress = self._progress
-        progress.most = progress.most or TRIES * max(1, len(outside))
+        progress.most = progress.most or TRIES * max(1, sum(table.outside))
         if progress.said == progress.most or (progress.done and not goal.every):
             return None
-        if goal.every:
-            belong = self._belongs([thing.name for _, thing in outside], goal.thing)
-            right = [found for found, belongs in zip(outside, belong, strict=True) if belongs]
-            right.sort(key=lambda found: -found[1].score)
-            candidates = [(Step(goal.line(thing.name), thing.name), [scene]) for scene, thing in right]
-            if not right and not progress.said:
-                self._missing.append(f'there is no "{goal.thing}" outside of the "{goal.place}"')
-        else:
-            candidates = [(Step(goal.sentence, goal.thing), list(scenes))]
-        for step, where in candidates:
+        for step, where in self._candidates(goal, table, scenes):
             if step.name not in progress.given_up and self._passes(step, where):
                 progress.said += 1
-                progress.before = Counter(thing.name for _, thing in outside)
+                progress.before = table.count()
                 return step
         return None
+
+    def _candidates(
+        self, goal: Goal, table: _Table, scenes: Sequence[SceneEmbedding]
+    ) -> Iterator[tuple[Step, Sequence[SceneEmbedding]]]:
+        """The possible next steps, the surest name first, each with the tables on which its thing may lie."""
+        if not goal.every:
+            yield Step(goal.sentence, goal.thing), scenes
+            return
+        belong = self._belongs([thing.name for _, thing in table.found], goal.thing)
+        right = [number for number, outside in enumerate(table.outside) if outside and belong[number]]
+        if not right and not self._progress.said:
+            self._missing.append(f'there is no "{goal.thing}" outside of the "{goal.place}"')
+        for number in sorted(right, key=lambda number: -table.found[number][1].score):
+            scene, thing = table.found[number]
+            yield Step(goal.line(telling_phrase(number, table.found, self._source)), thing.name), [scene]
 
     def _passes(self, step: Step, scenes: Sequence[SceneEmbedding]) -> bool:
         """Whether the parser reads a step's sentence, and its thing is on one of the tables. Others are given up."""
