@@ -86,7 +86,6 @@ LEFT_OVER = """
     pick the mug and the cup / by their handles and put them in the box
     put the red block on the bowl / by its handle
     put the mug / with the handle in the box
-    put the block to the left / side of the bowl
     put the block in / back of the bowl
     push the block / up to the wall
     put the chair / back in the box

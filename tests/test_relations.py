@@ -57,7 +57,6 @@ WRONG = """
     put the mug between the bowl and all boxes | must name two single things after 'between'
     put the mug next to the bowl in the box | leftover words 'in the box'
     put the fork behind the spoon to the left of the mug | leftover words 'to the left of the mug'
-    put the fork on the left side of the box | leftover words 'side of the box'
     pick the mug behind the bowl | not whether the thing lies there or is to be put there
     pick up the mug next to the bowl and put it in the box | not whether the thing lies there
     put beside the mug | names nothing to pick
