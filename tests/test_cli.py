@@ -36,7 +36,8 @@ COMMANDS = (
     "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "foreign_table record", "foreign_table measure",
-    "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure", "planning play", "planning table", "planning nouns", "pointing",
+    "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
+    "planning play", "planning table", "planning nouns", "pointing",
     "sensor_noise",
 )  # fmt: skip
 

@@ -36,7 +36,7 @@ def show_kinds(panels: Sequence[tuple[str, np.ndarray]], names: Sequence[str], k
     for ax, (title, scores) in zip(axes.flat, panels, strict=True):
         _cells(ax, scores, names, kinds, "{:+.1f}")
         ax.scatter(
-            np.arange(len(names)) // of_kind, np.arange(len(names)), s=260, facecolors="none", edgecolors="C1", lw=2
+            np.arange(len(names)) // of_kind, np.arange(len(names)), s=420, facecolors="none", edgecolors="C1", lw=2
         )
         ax.set_title(title, fontsize=10)
         ax.tick_params(axis="x", rotation=20)
