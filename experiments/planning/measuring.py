@@ -72,7 +72,7 @@ def read(path: Path) -> list[dict]:
 def table(path: Path) -> str:
     """The shares (%) of right and of wrong things in the box, 95 % intervals over scenes; acts and time."""
     lines = [
-        "| who says the sentences | scenes | right ones packed | wrong ones packed | acts | s a scene |",
+        "| who says the sentences | scenes | right ones packed (%) | wrong ones packed (%) | acts | median s a scene |",
         "|---|---|---|---|---|---|",
     ]
     rows = read(path)
