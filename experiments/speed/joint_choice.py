@@ -1,6 +1,6 @@
 """The time of an act with the product rule (A.1.6) over 8 picks, beside that of the best pick first.
 
-    python -m experiments.speed.joint_choice
+python -m experiments.speed.joint_choice
 """
 
 from __future__ import annotations
