@@ -24,7 +24,7 @@ def show_table(table: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -
 
 
 def show_kinds(panels: Sequence[tuple[str, np.ndarray]], names: Sequence[str], kinds: Sequence[str]) -> Figure:
-    """Scores (names, kinds) of several ways to ask, side by side; a ring marks each name's own kind.
+    """Scores (names, kinds) of several ways to ask, side by side; a frame marks each name's own kind.
 
     Args:
         panels: a title and scores; the names come in as many equal groups as there are kinds.
@@ -35,9 +35,9 @@ def show_kinds(panels: Sequence[tuple[str, np.ndarray]], names: Sequence[str], k
     of_kind = len(names) // len(kinds)
     for ax, (title, scores) in zip(axes.flat, panels, strict=True):
         _cells(ax, scores, names, kinds, "{:+.1f}")
-        ax.scatter(
-            np.arange(len(names)) // of_kind, np.arange(len(names)), s=420, facecolors="none", edgecolors="C1", lw=2
-        )
+        for row in range(len(names)):
+            frame = plt.Rectangle((row // of_kind - 0.48, row - 0.46), 0.96, 0.92, fill=False, edgecolor="C1", lw=2)
+            ax.add_patch(frame)
         ax.set_title(title, fontsize=10)
         ax.tick_params(axis="x", rotation=20)
     return fig
