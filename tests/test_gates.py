@@ -239,10 +239,10 @@ def test_the_joint_choice_takes_the_second_pick_if_its_place_is_surer(monkeypatc
 
 def test_the_best_cells_lie_apart_and_a_probability_sums_over_what_is_allowed():
     logits = scores_at((0, 40, 40, 3.0), (1, 41, 40, 2.5), (0, 43, 40, 2.0), (0, 90, 10, 1.0))
-    cells = [cell for _, cell in best_cells(logits, EVERYWHERE[None, None], 3, 3)]
+    cells = [cell for _, cell in best_cells(logits, EVERYWHERE[None, None], 3)]
     assert cells == [(0, 40, 40), (0, 43, 40), (0, 90, 10)]
     allowed = torch.zeros(logits.shape, dtype=torch.bool)
     allowed[0, 0, 40, 40] = allowed[0, 0, 90, 10] = True
-    assert len(best_cells(logits, allowed, 8, 3)) == 2
+    assert len(best_cells(logits, allowed, 8)) == 2
     first, second = (log_probability(logits, allowed, 0, cell) for cell in ((0, 40, 40), (0, 90, 10)))
     assert first - second == pytest.approx(2.0) and np.exp(first) + np.exp(second) == pytest.approx(1.0)

@@ -81,11 +81,16 @@ def test_converted_weights_that_changed_are_noticed(tmp_path):
 
 
 @contextlib.contextmanager
-def served(answer):
-    """A server of OpenAI's protocol on the loopback address; ``answer`` gets a message and returns a status, a body."""
+def served(answer, secrets=None):
+    """A server of OpenAI's protocol on the loopback address; ``answer`` gets a message and returns a status, a body.
+
+    ``secrets`` gets the secret of each request.
+    """
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_POST(self):
+            if secrets is not None:
+                secrets.append(self.headers["Authorization"])
             asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             status, body = answer(asked["messages"][-1]["content"])
             self.send_response(status)
@@ -141,6 +146,19 @@ def test_a_server_that_fails_is_told_and_the_grammar_carries_on(answer, told):
         assert parser("put the red block in the green bowl") == Queries("red block", "green bowl")
         question = understand(SENTENCE, parser)
     assert isinstance(question, Question) and "goes" in question.text
+
+
+def test_a_timeout_must_be_above_zero():
+    with pytest.raises(ValueError, match=r"timeout must be above 0 s, got -1"):
+        Server("http://127.0.0.1:1/v1", timeout=-1)
+
+
+def test_a_server_gets_the_secret_of_the_environment_and_nothing_shows_it(monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "a secret")
+    got = []
+    with served(lambda message: completion("yes"), got) as server:
+        assert server.answer("hello") == "yes"
+    assert got == ["Bearer a secret"] and "secret" not in repr(server)
 
 
 def test_a_server_that_is_down_is_told():

@@ -10,7 +10,7 @@ from experiments.planning.scenes import KINDS, MEMBERS
 from gem_lite.maps import refusal, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
-from gem_lite.planning.naming import NamedThing, lies_in, middle, telling_phrase, whole_things
+from gem_lite.planning.naming import NamedThing, lies_in, telling_phrase, whole_things
 from gem_lite.planning.planner import Planner, Step
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
@@ -51,7 +51,7 @@ def test_a_kind_score_is_the_mean_probability_of_the_kinds_word():
 
 def test_a_yes_no_score_is_the_difference_of_the_answers():
     question = "Question: Is an apple a toy? Answer:"
-    assert belonging.yes_no_score(Model({(question, " yes"): -1.0, (question, " no"): -3.5}), "apple", "toys") == 2.5
+    assert nouns.yes_no_score(Model({(question, " yes"): -1.0, (question, " no"): -3.5}), "apple", "toys") == 2.5
 
 
 def test_a_margin_is_counted_from_the_mean_over_nouns_and_against_the_best_other_kind(monkeypatch):
@@ -277,7 +277,7 @@ def test_a_middle_is_in_metres():
     workspace = Workspace()
     mask = np.zeros(workspace.shape, bool)
     mask[10:13, 20:25] = True
-    assert middle(mask, workspace) == pytest.approx(tuple(map(float, workspace.to_world(11, 22))))
+    assert things.middle(mask, workspace) == pytest.approx(tuple(map(float, workspace.to_world(11, 22))))
 
 
 def test_a_flat_part_belongs_to_the_thing_that_it_touches(monkeypatch):

@@ -69,6 +69,7 @@ def measure(
 
     from experiments.other_words import sentences
     from gem_lite.evaluation.statistics import bounded_interval
+    from gem_lite.foundations.files import write_atomically
     from gem_lite.language import models, parse
     from gem_lite.language.reader import ModelParser
 
@@ -101,7 +102,7 @@ def measure(
     path = sentences.FOLDER / "rows.jsonl"
     old = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     rows = [other for other in old if (other["half"], other["method"]) != (half, method)] + [row]
-    path.write_text("".join(json.dumps(other) + "\n" for other in rows))
+    write_atomically(path, "".join(json.dumps(other) + "\n" for other in rows).encode())
 
 
 APP = base.make_app("python -m experiments.other_words", __doc__, fit, measure)

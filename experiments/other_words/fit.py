@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import minimize
 from tqdm import tqdm
 
-from experiments.other_words.sentences import Annotated, same
+from experiments.other_words.sentences import AnnotatedSentence, same
 from gem_lite.foundations.files import write_atomically
 from gem_lite.language import Queries, parse
 from gem_lite.language.models import Scorer
@@ -41,12 +41,12 @@ class Table:
         right: the indices of the readings that a person has; empty if no spans are right.
     """
 
-    item: Annotated
+    item: AnnotatedSentence
     rows: list[dict[str, float]]
     right: list[int]
 
 
-def tables(items: Sequence[Annotated], model: Scorer, kept: Path) -> list[Table]:
+def tables(items: Sequence[AnnotatedSentence], model: Scorer, kept: Path) -> list[Table]:
     """The readings of the sentences that reach the model: the grammar refuses them, and nothing else decides.
 
     Args:
@@ -79,7 +79,7 @@ def reads_alone(text: str) -> bool:
     return True
 
 
-def agrees(sentence: Sentence, reading: Reading | None, item: Annotated) -> bool:
+def agrees(sentence: Sentence, reading: Reading | None, item: AnnotatedSentence) -> bool:
     """Whether a reading is what a person understands."""
     if reading is None or item.queries is None:
         return reading is None and item.queries is None

@@ -21,7 +21,7 @@ POINTING = (" over there", " there", " here")
 
 
 @dataclass(frozen=True)
-class Annotated:
+class AnnotatedSentence:
     """A sentence and what a person understands.
 
     Attributes:
@@ -54,23 +54,23 @@ class Annotated:
         return Queries(readable(self.pick), place)
 
 
-def read_file(name: str) -> list[Annotated]:
+def read_file(name: str) -> list[AnnotatedSentence]:
     """The sentences of a file in `FOLDER`."""
     lines = (FOLDER / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
-    return [Annotated(**json.loads(line)) for line in lines]
+    return [AnnotatedSentence(**json.loads(line)) for line in lines]
 
 
-def development() -> list[Annotated]:
+def development() -> list[AnnotatedSentence]:
     """All sentences that may be looked at: half of the first writer's, and the second writer's."""
     return [item for item in read_file("first") if item.half == "development"] + read_file("second")
 
 
-def filed() -> list[Annotated]:
+def filed() -> list[AnnotatedSentence]:
     """The sentences that are held back: the other half of the first writer's."""
     return [item for item in read_file("first") if item.half == "filed"]
 
 
-def outcome(item: Annotated, parser: Parser) -> Outcome:
+def outcome(item: AnnotatedSentence, parser: Parser) -> Outcome:
     """Whether a parser does what the annotation says: it acts on both phrases, or asks where it must not act."""
     understood = understand(item.sentence, parser)
     if isinstance(understood, Question):
@@ -78,7 +78,7 @@ def outcome(item: Annotated, parser: Parser) -> Outcome:
     return "right" if len(understood) == 1 and same(understood[0], item) else "misread"
 
 
-def same(found: Queries, item: Annotated) -> bool:
+def same(found: Queries, item: AnnotatedSentence) -> bool:
     """Whether queries are those of a person, apart from words that point ("over there").
 
     The writers call "mug" what is to be picked in "grab the mug by its handle". The paper's policies pick it there:

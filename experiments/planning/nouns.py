@@ -42,6 +42,13 @@ DEVELOPMENT = {
 `belonging.LOWEST_MARGIN` was chosen here."""
 
 
+def yes_no_score(model: Scorer, name: str, kind: str) -> float:
+    """The answer to a question: log p("yes") - log p("no") after "Is a train a toy?", in nats."""
+    asked = belonging.with_article(belonging.singular(kind))
+    yes, no = model.scores(f"Question: Is {belonging.with_article(name)} {asked}? Answer:", [" yes", " no"])
+    return float(yes - no)
+
+
 def table(model: Scorer) -> str:
     """The area under the ROC curve of each score, mean over the kinds; and what passes `belonging.LOWEST_MARGIN`."""
     lines = ["| score | nouns for development | names of the objects |", "|---|---|---|"]
@@ -67,7 +74,7 @@ def scores_of(model: Scorer, members: Mapping[str, Sequence[str]]) -> dict[str, 
     from_lists = belonging.list_scores(model, names, KINDS)
     from_sentences = belonging.kind_scores(model, names, KINDS)
     return {
-        "yes or no": np.array([[belonging.yes_no_score(model, name, kind) for kind in KINDS] for name in names]),
+        "yes or no": np.array([[yes_no_score(model, name, kind) for kind in KINDS] for name in names]),
         "list": from_lists,
         "word for the kind": from_sentences,
         "list + word": from_lists + from_sentences,

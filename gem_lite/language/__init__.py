@@ -11,15 +11,16 @@ from gem_lite.language.phrases import (
     conjuncts,
     location_code,
     location_in_front,
+    plural,
     split_location,
     split_relation,
     without_relation,
 )
-from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query, Question, understand
+from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query, Question, is_relation, understand
 from gem_lite.language.word_lists import BETWEEN, PLACING, RELATIONS, VERBS
 
 __all__ = [
     "BETWEEN", "EXAMPLE", "LOCATION_CODE_LENGTH", "PARSERS", "PLACING", "RELATIONS", "VERBS", "ImageQuery", "Parser",
-    "Queries", "Query", "Question", "anchor_count", "conjuncts", "location_code", "location_in_front", "parse",
-    "parse_thing", "split_location", "split_relation", "understand", "without_relation",
+    "Queries", "Query", "Question", "anchor_count", "conjuncts", "is_relation", "location_code", "location_in_front",
+    "parse", "parse_thing", "plural", "split_location", "split_relation", "understand", "without_relation",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ import importlib.util
 import io
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -186,21 +186,22 @@ def load(name: str = SMALL) -> CausalModel:
     Raises:
         ModelError: the package with the weights is not installed, weights are damaged, or the model is not there.
     """
+    transformers.utils.logging.disable_progress_bar()
     if name == SMALL:
         return _from_folder(name, _converted())
-    if os.sep in name and Path(name).expanduser().is_dir():
+    if Path(name).expanduser().is_dir():
         return _from_folder(name, Path(name).expanduser())
     try:
         return _from_folder(name, name)
     except ModelError:
         pass
     print(f"{name} is not on this machine; asking Hugging Face (half a minute without a network) ...")
+    transformers.utils.logging.enable_progress_bar()
     huggingface_hub.utils.logging.set_verbosity_error()
     return _from_folder(name, name, offline=False)
 
 
 def _from_folder(name: str, folder: Path | str, offline: bool = True) -> CausalModel:
-    transformers.utils.logging.disable_progress_bar()
     try:
         model = transformers.AutoModelForCausalLM.from_pretrained(folder, local_files_only=offline, dtype=torch.float32)
         tokenizer = transformers.AutoTokenizer.from_pretrained(folder, local_files_only=offline)
@@ -255,7 +256,6 @@ def _packaged() -> Path:
 def _convert(path: Path, folder: Path) -> None:
     """Write a GGUF file's weights as float16 safetensors, with configuration and tokenizer."""
     print("Converting the weights of SmolLM2 for this user, once (half a minute) ...")
-    transformers.utils.logging.disable_progress_bar()
     source, name = path.parent, path.name
     tokenizer = transformers.AutoTokenizer.from_pretrained(source, gguf_file=name)
     config = transformers.AutoConfig.from_pretrained(source, gguf_file=name)
@@ -275,17 +275,22 @@ class Server:
     Attributes:
         url: its address, such as http://127.0.0.1:8000/v1.
         model: the model's name there.
-        timeout: seconds to wait for an answer.
-        key: the secret that the server asks for, if any.
+        timeout: seconds to wait for an answer, above 0.
+
+    Raises:
+        ValueError: the timeout is not above 0.
     """
 
     url: str
     model: str = SMALL
     timeout: float = 20.0
-    key: str = field(default="none", repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.timeout > 0:
+            raise ValueError(f"timeout must be above 0 s, got {self.timeout}")
 
     def answer(self, prompt: str) -> str:
-        """The model's answer to a message.
+        """The model's answer to a message. A server that asks for a secret gets that of ``OPENAI_API_KEY``.
 
         Raises:
             ModelError: the package ``openai`` is missing, or the server is down, slow or breaks the protocol.
@@ -295,7 +300,8 @@ class Server:
         except ImportError as error:
             raise ModelError("a server needs the package openai; install it with: pip install openai") from error
         try:
-            client = openai.OpenAI(base_url=self.url, api_key=self.key, timeout=self.timeout, max_retries=0)
+            key = os.environ.get("OPENAI_API_KEY", "none")
+            client = openai.OpenAI(base_url=self.url, api_key=key, timeout=self.timeout, max_retries=0)
             answer = client.chat.completions.create(
                 model=self.model,
                 messages=[{"role": "user", "content": prompt}],

@@ -239,9 +239,21 @@ def _is_one(noun: Sequence[str], last: Sequence[str]) -> bool:
     return head[-1] in word_lists.PAIRS or not (plural or head[-1] in word_lists.ONE_COLORED)
 
 
+def plain_apostrophes(text: str) -> str:
+    """A text with the keyboard's apostrophe in the place of printed ones."""
+    return re.sub("[’\u02bc]", "'", text)
+
+
+def plural(phrase: str) -> str:
+    """As "brushes" of "brush"; "scissors" stays."""
+    if phrase.endswith("s"):
+        return phrase
+    return phrase + ("es" if phrase.endswith(("x", "sh", "ch")) else "s")
+
+
 def is_reserved(word: str) -> bool:
     """Whether a word is never part of a phrase, whatever stands around it."""
-    plain = re.sub("[’\u02bc]", "'", word)
+    plain = plain_apostrophes(word)
     stem, _, ending = plain.rpartition("'")
     parts = word.split("-")
     return (

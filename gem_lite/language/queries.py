@@ -40,6 +40,11 @@ Query = str | ImageQuery
 things, such as "left of green bowl" (`phrases.split_relation`)."""
 
 
+def is_relation(query: Query) -> bool:
+    """Whether a query is a place beside things, such as "left of green bowl"."""
+    return isinstance(query, str) and phrases.split_relation(query)[0] is not None
+
+
 @dataclass(frozen=True)
 class Queries:
     """What to pick, and where to place it.
@@ -60,7 +65,7 @@ class Queries:
         for name, query in (("pick", self.pick), ("place", self.place)):
             if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
                 raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
-            if isinstance(query, str) and phrases.split_relation(query)[0] is not None and name == "pick":
+            if is_relation(query) and name == "pick":
                 raise ValueError(f"pick must name a thing, not a place beside one, got {query!r}")
 
     def __str__(self) -> str:

@@ -16,7 +16,7 @@ from gem_lite.language.grammar import EXAMPLE, parse, parse_thing
 from gem_lite.language.models import ModelError, Scorer
 from gem_lite.language.phrases import TOKEN, conjuncts, split_relation, with_relation, without_determiner
 from gem_lite.language.queries import PARSERS, Queries
-from gem_lite.language.spans import DETERMINERS, Sentence, Span
+from gem_lite.language.spans import ARTICLES, Sentence, Span
 from gem_lite.language.word_lists import RELATIONS
 
 LOWEST_PROBABILITY = 0.7
@@ -105,7 +105,7 @@ def place_phrase(sentence: Sentence, span: Span) -> str:
     if side:  # "left side of the bowl"
         start += len(side.group().split())
         span = (start, span[1])
-    while sentence.word(start - 1) in DETERMINERS:
+    while sentence.word(start - 1) in ARTICLES:
         start -= 1
     before = " ".join(sentence.words[:start])
     wordings = [wording for wording in RELATIONS if f" {before}".endswith(f" {wording}")]

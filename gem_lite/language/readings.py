@@ -20,7 +20,7 @@ import numpy as np
 from gem_lite.foundations.files import DATA
 from gem_lite.language.models import Scorer
 from gem_lite.language.spans import (
-    DETERMINERS,
+    ARTICLES,
     PLACING,
     PREPOSITIONS,
     RELATIVES,
@@ -183,7 +183,7 @@ def _of_span(sentence: Sentence, span: Span) -> dict[str, float]:
     start, end = span
     inner = sentence.words[start:end]
     before = start - 1
-    while sentence.word(before) in DETERMINERS:
+    while sentence.word(before) in ARTICLES:
         before -= 1
     word = sentence.word(before)
     outer = sentence.word(before - 1)
@@ -203,7 +203,7 @@ def _of_span(sentence: Sentence, span: Span) -> dict[str, float]:
         "has with": "with" in inner,
         "before a placing word": behind in PLACING and behind != "of",
         "before a clause": behind in RELATIVES,
-        "before a determiner": behind in DETERMINERS,
+        "before a determiner": behind in ARTICLES,
         "before an open word": sentence.is_open(end),
     }
 
@@ -216,7 +216,7 @@ def _of_pair(sentence: Sentence, reading: Reading) -> dict[str, float]:
     explained = PREPOSITIONS - PLACING
     others = [place for place in left_out if sentence.word(place - 1) not in explained]
     return {
-        "place first, before a determiner": first == reading.place and sentence.word(first[1]) in DETERMINERS,
+        "place first, before a determiner": first == reading.place and sentence.word(first[1]) in ARTICLES,
         "and between": "and" in between,
         "it between": any(word in REFERRING or word == "this" for word in between),
         "things between": sum(first[1] <= place < last[0] for place in others),
@@ -229,7 +229,7 @@ def _of_pair(sentence: Sentence, reading: Reading) -> dict[str, float]:
 def _determined(sentence: Sentence) -> list[int]:
     """Where a determiner stands before an open word."""
     indices = range(len(sentence.words))
-    return [index for index in indices if sentence.word(index) in DETERMINERS and sentence.is_open(index + 1)]
+    return [index for index in indices if sentence.word(index) in ARTICLES and sentence.is_open(index + 1)]
 
 
 def _inside(index: int, span: Span) -> bool:
@@ -243,7 +243,7 @@ def _of_no_request(sentence: Sentence) -> dict[str, float]:
     starts_as_question = sentence.words[0] in QUESTION_WORDS
     return {
         "always": 1.0,
-        "an amount": bool(words & MORE),
+        "perhaps an amount": bool(words & MORE),
         "begins as a question": starts_as_question,
         "more than two things": max(0, len(_determined(sentence)) - 2),
         "no placing word": not words & (PLACING - {"of", "to"}),
@@ -267,20 +267,14 @@ def probabilities(rows: Sequence[Mapping[str, float]], weights: Mapping[str, flo
     return exponentials / exponentials.sum()
 
 
-def likeliest(
-    model: Scorer, sentence: Sentence, weights: Mapping[str, float] | None = None
-) -> tuple[Reading | None, float]:  # fmt: skip
-    """The likeliest reading of a sentence and its probability; None for no request.
-
-    Args:
-        weights: by default those that the library ships.
-    """
+def likeliest(model: Scorer, sentence: Sentence) -> tuple[Reading | None, float]:
+    """The likeliest reading of a sentence, None for no request, and its probability by `fitted_weights`."""
     found = spans(sentence)
     if len(found) < 2:
         return None, 1.0
     scores = score_spans(model, sentence, found)
     options = all_readings(found)
     rows = [features(sentence, found, option, scores) for option in options]
-    chances = probabilities(rows, fitted_weights() if weights is None else weights)
+    chances = probabilities(rows, fitted_weights())
     best = int(chances.argmax())
     return options[best], float(chances[best])

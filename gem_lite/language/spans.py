@@ -1,6 +1,6 @@
 """The spans of a sentence that may name a thing: runs of its own words.
 
-A reader that chooses among spans cannot invent a thing. Spans are found by closed classes of words alone: determiners,
+A reader that chooses among spans cannot invent a thing. Spans are found by closed classes of words alone: articles,
 prepositions, pronouns, conjunctions, auxiliary verbs and common adverbs. All other words are open: nouns, adjectives,
 verbs. So no noun need be known.
 """
@@ -10,18 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gem_lite.language.phrases import TOKEN
+from gem_lite.language import word_lists
+from gem_lite.language.phrases import TOKEN, plain_apostrophes
 
 Span = tuple[int, int]
 """The words from the first index on, up to the second."""
 
-DETERMINERS = frozenset(
-    ("the", "a", "an", "this", "that", "these", "those", "my", "your", "his", "her", "its", "our", "their", "some",
-     "teh", "hte", "th", "yer")
-)  # fmt: skip
-PLACING = frozenset(
-    ("in", "into", "inside", "on", "onto", "upon", "to", "at", "across", "over", "within", "atop", "against", "under",
-     "beneath", "underneath", "near", "next", "beside", "behind", "between", "alongside", "of", "tot", "by", "towards",
+ARTICLES = (frozenset(word_lists.DETERMINERS) - {*word_lists.OF_SEVERAL, "any", "one"}) | frozenset(
+    ("this", "that", "these", "those", "his", "her", "its", "their", "th", "yer")
+)
+"""Articles and what may stand in their place."""
+PLACING = frozenset(word for word in (*word_lists.PLACING, *word_lists.RELATIONS) if " " not in word) | frozenset(
+    ("at", "across", "over", "against", "under", "beneath", "underneath", "near", "next", "of", "tot", "by", "towards",
      "toward", "around", "through", "along")
 )  # fmt: skip
 """Words that may stand before a place. "of" ends "on top of", "in front of"."""
@@ -59,12 +59,11 @@ ADVERBS = frozenset(
      "right", "all", "every", "each", "any", "both", "half")
 )  # fmt: skip
 """Besides adverbs, what is said around a request, and words for amounts."""
-CLOSED = DETERMINERS | PREPOSITIONS | PRONOUNS | CONJUNCTIONS | AUXILIARIES | ADVERBS
+CLOSED = ARTICLES | PREPOSITIONS | PRONOUNS | CONJUNCTIONS | AUXILIARIES | ADVERBS
 ENDING = frozenset(
     ("it", "me", "there", "up", "down", "away", "here", "him", "you", "them", "back", "in", "on", "out", "off")
 )
 """Closed words at which a clause about a thing may end: "the potato that rolled away"."""
-SIDES = frozenset(("left", "right", "back", "top", "front"))
 LONGEST = 9
 """A span with a clause has at most this number of words."""
 
@@ -87,7 +86,7 @@ class Sentence:
     def read(cls, text: str) -> Sentence:
         """Cut a text into words."""
         matches = list(TOKEN.finditer(text))
-        words = tuple(match.group().lower().replace("’", "'") for match in matches)
+        words = tuple(plain_apostrophes(match.group().lower()) for match in matches)
         return cls(text, words, tuple(match.span() for match in matches))
 
     def said(self, span: Span) -> str:
@@ -107,8 +106,10 @@ class Sentence:
         word = self.word(index)
         if word == "can":
             return self.is_open(index - 1) and not self.is_open(index + 1) and self.word(index + 1) not in PRONOUNS
-        if word in SIDES and self.word(index + 1) == "of":
-            return self.word(index - 1) in DETERMINERS and word not in ("left", "right")
+        if word == "left" and self.word(index + 1) == "of":
+            return False
+        if word in ("back", "top", "front") and self.word(index + 1) == "of":
+            return self.word(index - 1) in ARTICLES
         return word[:1].isalnum() and word not in CLOSED
 
 
@@ -122,7 +123,7 @@ def spans(sentence: Sentence) -> list[Span]:
     for start in range(len(sentence.words)):
         if not sentence.is_open(start):
             continue
-        after_determiner = sentence.word(start - 2) in DETERMINERS
+        after_determiner = sentence.word(start - 2) in ARTICLES
         if sentence.is_open(start - 1) and (sentence.is_open(start - 2) or after_determiner):
             continue
         found += [(start, end) for end in _ends(sentence, start)]
@@ -135,7 +136,7 @@ def _ends(sentence: Sentence, start: int) -> Iterator[int]:
     while sentence.is_open(run):
         run += 1
     yield run
-    if run - start > 1 and sentence.word(start - 1) in DETERMINERS and not sentence.is_sign(run):
+    if run - start > 1 and sentence.word(start - 1) in ARTICLES and not sentence.is_sign(run):
         yield run - 1  # The last word may be a verb: "to the workbench carry the hammer".
     if sentence.word(run) not in CONTINUING and not sentence.word(run - 1).endswith("ing"):
         return

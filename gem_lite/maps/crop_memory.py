@@ -181,7 +181,7 @@ def collect_crops(
             heightmap = fuse_views(step.observation.views, workspace)
             for kind, pose in step_events(step):
                 phrase = str(getattr(read(step.instruction), kind))
-                if language.split_relation(phrase)[0] is not None:
+                if language.is_relation(phrase):
                     continue  # The crop shows the bare table, and no thing that a phrase could mean.
                 # A copy: what `cut` returns would keep the whole height map.
                 yield CropEntry(phrase, cut(heightmap, pose, side).copy(), *key)

@@ -101,7 +101,7 @@ def query_maps(
             return QueryMaps(text, image, fused)
         return QueryMaps(located(text, word, config.workspace), image, located(fused, word, config.workspace))
 
-    if config.parsing and isinstance(query, str) and language.split_relation(query)[0] is not None:
+    if config.parsing and isinstance(query, str) and language.is_relation(query):
         place = relation_map(scene, query, source)
         return QueryMaps(place, None, place)
     phrases: Sequence[Query] = [query]

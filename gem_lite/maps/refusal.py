@@ -23,7 +23,7 @@ from gem_lite.maps import relations
 from gem_lite.maps.query_maps import relation_map
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
-from gem_lite.maps.things import things
+from gem_lite.maps.things import middle, things
 from gem_lite.se2 import Workspace
 
 REACH = 0.0625
@@ -110,9 +110,8 @@ def knows(clip: Clip, phrase: str) -> bool:
     The embedding of a word that it never read changes at random, so that its scores cannot be compared with others.
     Two phrases mean the same if their cosine is at least the CLIP's retrieval threshold.
     """
-    plural = phrase if phrase.endswith("s") else phrase + ("es" if phrase.endswith(("x", "sh", "ch")) else "s")
     try:
-        own, *others = clip.embed_texts([phrase, plural, *(f"{start} {phrase}" for start in _STARTS)])
+        own, *others = clip.embed_texts([phrase, language.plural(phrase), *(f"{start} {phrase}" for start in _STARTS)])
     except ValueError:  # One of these wordings is longer than what the CLIP reads.
         return False
     return all(float(own @ other) >= clip.calibration.retrieval_threshold for other in others)
@@ -136,19 +135,18 @@ def fit(
     others = alternatives(phrase, nouns, source.clip)
     source.clip.embed_texts([phrase, *others])  # All at once is faster than one by one, and the CLIP keeps them.
     semantic = source.map(scene, phrase)
-    masks = rising + [near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
+    masks = rising + [_near_best(mask, semantic, scene.heightmap.workspace) for mask in flat]
     wanted = thing_scores(semantic, masks)  # (things,)
     rivals = np.array([thing_scores(source.map(scene, other), masks) for other in others])  # (alternatives, things)
     margins = wanted - rivals.max(axis=0, initial=-np.inf)
     enough = (wanted >= LOWEST_SCORE) | is_vague(phrase)
     best = int(np.where(enough, margins, -np.inf).argmax()) if enough.any() else int(wanted.argmax())
-    rows, cols = np.nonzero(masks[best])
-    x, y = scene.heightmap.workspace.to_world(float(rows.mean()), float(cols.mean()))
+    x, y = middle(masks[best], scene.heightmap.workspace)
     alternative = others[int(rivals[:, best].argmax())] if others else ""
     return PhraseFit(phrase, x, y, float(wanted[best]), float(margins[best]), alternative)
 
 
-def near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
+def _near_best(mask: np.ndarray, semantic: np.ndarray, workspace: Workspace) -> np.ndarray:
     """The cells of a mask (H, W) within `REACH` of the one at which a map is highest."""
     row, col = np.unravel_index(np.where(mask, semantic, -np.inf).argmax(), mask.shape)
     rows, cols = np.indices(mask.shape)

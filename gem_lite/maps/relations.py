@@ -74,8 +74,8 @@ def place_map(
     peak = min(float(semantic.max()) for semantic in anchors)
     if peak <= 0 or any(semantic.max() - np.median(semantic) <= PLATEAU for semantic in anchors):
         return nothing
-    masks = [thing_at_peak(semantic, heightmap, config) for semantic in anchors]
-    rising, flat = things(heightmap)
+    rising, flat = ([ndimage.binary_fill_holes(mask) for mask in masks] for masks in things(heightmap))
+    masks = [thing_at_peak(semantic, rising, config) for semantic in anchors]
     covered = np.zeros(heightmap.seen.shape, bool)
     for mask in (*masks, *rising, *flat):
         covered |= ndimage.binary_fill_holes(mask)
@@ -96,15 +96,17 @@ def no_free_place(query: str) -> str:
     return f"there is no free place {relation} " + " and ".join(f'"{anchor}"' for anchor in anchors)
 
 
-def thing_at_peak(semantic: np.ndarray, heightmap: HeightMap, config: PatchConfig) -> np.ndarray:
-    """The cells (H, W) bool of the thing at the centre of a map's highest plateau, with its holes.
+def thing_at_peak(semantic: np.ndarray, rising: Sequence[np.ndarray], config: PatchConfig) -> np.ndarray:
+    """The cells (H, W) bool of the thing at the centre of a map's highest plateau.
 
     It is what rises there from the table. Of something flat, it is the map's own plateau.
+
+    Args:
+        rising: the cells (H, W) bool of each thing that rises, with its holes.
     """
     row, col = plateau_centre(semantic, config)
     rows, cols = np.indices(semantic.shape)
-    away = np.hypot(rows - row, cols - col) * heightmap.workspace.pixel
-    rising = [ndimage.binary_fill_holes(mask) for mask in things(heightmap)[0]]
+    away = np.hypot(rows - row, cols - col) * config.pixel
     distances = [float(away[mask].min()) for mask in rising]
     if distances and min(distances) <= AT_THING:
         return rising[int(np.argmin(distances))]

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite.rgbd.heightmap import HeightMap
+from gem_lite.se2 import Workspace
 
 RISES = 0.008
 """A cell belongs to a thing if it is higher (m) above the table than this, and than the table's own noise."""
@@ -49,3 +50,10 @@ def _regions(cells: np.ndarray) -> list[np.ndarray]:
     regions, count = ndimage.label(cells)
     masks = [regions == number for number in range(1, count + 1)]
     return [mask for mask in masks if mask.sum() >= FEWEST_CELLS]
+
+
+def middle(mask: np.ndarray, workspace: Workspace) -> tuple[float, float]:
+    """The x and y (m) of the middle of a mask's cells."""
+    rows, cols = np.nonzero(mask)
+    x, y = workspace.to_world(float(rows.mean()), float(cols.mean()))
+    return float(x), float(y)

@@ -1,6 +1,6 @@
 """Does a name belong to a kind? Is a train one of the "toys"? A language model's probabilities tell.
 
-A small model answers "Is a train a toy?" almost by chance (`yes_no_score`). But it has read many lists: after "Examples
+A small model answers "Is a train a toy?" almost by chance (lesson 13). But it has read many lists: after "Examples
 of toys:" a train is likelier than after "Examples of things:" (`list_score`), and after "A train is a kind of" the word
 "toy" is likelier than "tool" (`kind_scores`). `Belonging` adds both scores and compares the kinds with each other.
 """
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gem_lite import language
 from gem_lite.language.models import Scorer
 
 KINDS = ("animals", "food", "toys", "tools", "kitchen utensils")
@@ -43,13 +44,6 @@ def singular(kind: str) -> str:
     return kind.removesuffix("s")
 
 
-def plural(name: str) -> str:
-    """As "brushes" to "brush"; "scissors" stays."""
-    if name.endswith("s"):
-        return name
-    return name + ("es" if name.endswith(("x", "sh", "ch")) else "s")
-
-
 def list_scores(model: Scorer, names: Sequence[str], kinds: Sequence[str]) -> np.ndarray:
     """How much likelier each name becomes in a list of a kind than in a list of things.
 
@@ -74,13 +68,6 @@ def kind_scores(model: Scorer, names: Sequence[str], kinds: Sequence[str]) -> np
     words = [f" {singular(kind)}" for kind in kinds]
     prompts = [[_sentence(text, with_article(name)) for text in SENTENCES] for name in names]
     return np.array([np.mean([model.scores(prompt, words) for prompt in of_name], axis=0) for of_name in prompts])
-
-
-def yes_no_score(model: Scorer, name: str, kind: str) -> float:
-    """The answer to a question: log p("yes") - log p("no") after "Is a train a toy?", in nats."""
-    question = f"Question: Is {with_article(name)} {with_article(singular(kind))}? Answer:"
-    yes, no = model.scores(question, [" yes", " no"])
-    return float(yes - no)
 
 
 def _sentence(form: str, words: str) -> str:
@@ -111,7 +98,7 @@ class Belonging:
 
     def __call__(self, names: Sequence[str], kind: str) -> list[bool]:
         """Whether each name belongs to a kind. "mug" belongs to "mug" and to "mugs", whatever the model says."""
-        asked = [name for name in names if kind not in (name, plural(name))]
+        asked = [name for name in names if kind not in (name, language.plural(name))]
         margins = dict(zip(asked, self.margins(asked, kind), strict=True))
         return [name not in margins or bool(margins[name] >= self.lowest_margin) for name in names]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from gem_lite import language
 from gem_lite.language import Parser, Queries
 from gem_lite.language.word_lists import OF_SEVERAL
-from gem_lite.planning.belonging import KINDS, plural
+from gem_lite.planning.belonging import KINDS
 
 _JOINT = re.compile(r"\s*(?:,|;|\band then\b|\band\b|\bthen\b)\s*")
 _BULLET = re.compile(r"\s*(?:[-*•]|\d+[.):])?\s*")
@@ -95,4 +95,4 @@ def _goal(sentence: str, kinds: Sequence[str], parser: Parser) -> Goal:
     known = parsed.pick.split()[-1] in {kind.split()[-1] for kind in kinds}
     every = known or any(word in words for word in OF_SEVERAL)
     in_singular = "every" in words or "each" in words
-    return Goal(sentence.strip(), plural(parsed.pick) if in_singular else parsed.pick, parsed.place, every)
+    return Goal(sentence.strip(), language.plural(parsed.pick) if in_singular else parsed.pick, parsed.place, every)

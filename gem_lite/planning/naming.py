@@ -16,7 +16,6 @@ from gem_lite.maps import refusal, things
 from gem_lite.maps.semantic_map import SceneEmbedding, single_view_map
 from gem_lite.maps.sources import MapSource
 from gem_lite.rgbd.heightmap import HeightMap
-from gem_lite.se2 import Workspace
 
 STANDS_OUT = 0.1
 """A policy seldom picks another thing if the phrase scores at least this much higher on the right one. It was chosen on
@@ -58,7 +57,7 @@ def named_things(scene: SceneEmbedding, names: Sequence[str], source: MapSource)
     source.clip.embed_texts(list(names))  # All at once is faster than one by one, and the CLIP keeps them.
     scores = np.array([name_scores(scene, name, source, masks) for name in names])  # (names, things)
     best = scores.argmax(axis=0)
-    middles = [middle(mask, scene.heightmap.workspace) for mask in masks]
+    middles = [things.middle(mask, scene.heightmap.workspace) for mask in masks]
     return [
         NamedThing(names[number], *middles[thing], float(scores[number, thing]), masks[thing])
         for thing, number in enumerate(best)
@@ -110,13 +109,6 @@ def whole_things(heightmap: HeightMap) -> list[np.ndarray]:
         else:
             alone.append(part)
     return rising + alone
-
-
-def middle(mask: np.ndarray, workspace: Workspace) -> tuple[float, float]:
-    """The x and y (m) of the middle of a mask's cells."""
-    rows, cols = np.nonzero(mask)
-    x, y = workspace.to_world(float(rows.mean()), float(cols.mean()))
-    return float(x), float(y)
 
 
 def lies_in(thing: NamedThing, place: NamedThing) -> bool:

@@ -23,19 +23,19 @@ from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.foundations.registry import Registry
-from gem_lite.language import ImageQuery, Queries, Query
+from gem_lite.language import ImageQuery, Queries, Query, is_relation
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
 from gem_lite.policies.choosing import (
     Choice,
     Gate,
+    ScoredAct,
     TablesChoice,
     best_cell,
     best_cells,
     check_relation,
     gated,
-    is_relation,
     log_probability,
     unmoved,
     untried,
@@ -79,8 +79,6 @@ class _Methods(Registry[type["Policy"]]):
 
 METHODS = _Methods("method")
 """Methods by their names, without ablations."""
-PICKS_APART = 3
-"""Picks that are compared with each other are at least this far (cells) apart."""
 
 
 class Policy(nn.Module, ABC, Generic[SceneT]):
@@ -383,30 +381,30 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         self.eval()  # Afterwards in the mode of before: a policy may act between two training steps.
         try:
             pick_logits = self.score_picks(inputs).cpu()
-            pickable = gated(gates, "pick", untried(empty_picks, self.config, seen))
-            picks = best_cells(pick_logits, pickable[:, None], self.config.joint_picks, PICKS_APART)
+            pickable = gated(gates, "pick", untried(empty_picks, self.config, seen))[:, None]
+            seen_places = gated(gates, "place", seen)[:, None]
             acts = []
-            for pick_table, pick_cell in picks:
+            for pick_table, pick_cell in best_cells(pick_logits, pickable, self.config.joint_picks):
                 place_logits = self.score_places(inputs, pick_table, pick_cell[1:]).cpu()
-                placeable = gated(gates, "place", seen)[:, None].repeat(1, place_logits.shape[1], 1, 1)
+                placeable = seen_places.repeat(1, place_logits.shape[1], 1, 1)
                 placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
                 if queries.push:  # A blade does not leave its table.
                     placeable[torch.arange(len(tables)) != pick_table] = False
                 place_table, place_cell = best_cell(place_logits, placeable)
-                product = log_probability(pick_logits, pickable[:, None], pick_table, pick_cell)
+                product = log_probability(pick_logits, pickable, pick_table, pick_cell)
                 product += log_probability(place_logits, placeable, place_table, place_cell)
-                acts.append((product, pick_table, pick_cell, place_logits, place_table, place_cell))
+                acts.append(ScoredAct(product, pick_table, pick_cell, place_table, place_cell, place_logits))
         finally:
             self.train(training)
-        _, pick_table, pick_cell, place_logits, place_table, place_cell = max(acts, key=lambda act: act[0])
+        act = max(acts, key=lambda act: act.log_probability)
         workspace = self.config.workspace
-        pick = Pose2(*workspace.to_world(*pick_cell[1:]), angle_bins(pick_logits.shape[1])[pick_cell[0]])
+        pick = Pose2(*workspace.to_world(*act.pick_cell[1:]), angle_bins(pick_logits.shape[1])[act.pick_cell[0]])
         # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.
-        delta = angle_bins(place_logits.shape[1])[place_cell[0]]
-        place = Pose2(*workspace.to_world(*place_cell[1:]), pick.yaw + delta)
+        delta = angle_bins(act.place_logits.shape[1])[act.place_cell[0]]
+        place = Pose2(*workspace.to_world(*act.place_cell[1:]), pick.yaw + delta)
         return TablesChoice(
-            instruction, queries, tuple(heightmaps), collate(tables), pick_logits.numpy(), place_logits.numpy(),
-            pick_table, pick_cell, pick, place_table, place_cell, place,
+            instruction, queries, tuple(heightmaps), collate(tables), pick_logits.numpy(), act.place_logits.numpy(),
+            act.pick_table, act.pick_cell, pick, act.place_table, act.place_cell, place,
         )  # fmt: skip
 
     def score_picks(self, inputs: Inputs) -> torch.Tensor:

@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.language import Queries, Query, split_relation
+from gem_lite.language import Queries, is_relation
 from gem_lite.maps import relations
 from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
@@ -30,6 +30,8 @@ from gem_lite.se2 import Pose2
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
 
+APART = 3
+"""Picks that are compared with each other are at least this far (cells) apart."""
 EXACTLY = replace(LITE, peak_radius=0.0)
 """The rule of a gate that leaves no cell but those of its map's highest value."""
 
@@ -88,17 +90,28 @@ class TablesChoice:
 
 
 @dataclass(frozen=True)
+class ScoredAct:
+    """A pick, its best place, and the logits (N, R, H, W) of all its places.
+
+    Attributes:
+        log_probability: of both together, by the product rule (A.1.6).
+    """
+
+    log_probability: float
+    pick_table: int
+    pick_cell: tuple[int, int, int]
+    place_table: int
+    place_cell: tuple[int, int, int]
+    place_logits: torch.Tensor
+
+
+@dataclass(frozen=True)
 class Gate:
     """A semantic map and the heights (m) below it, (H, W), for `near_peak`. No network reads them."""
 
     semantic: torch.Tensor
     height: torch.Tensor
     config: GemConfig
-
-
-def is_relation(query: Query) -> bool:
-    """Whether a query is a place beside things, such as "left of green bowl"."""
-    return isinstance(query, str) and split_relation(query)[0] is not None
 
 
 def relation_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
@@ -227,10 +240,8 @@ def best_cell(logits: torch.Tensor, allowed: torch.Tensor) -> tuple[int, tuple[i
     return split((int(angle), int(row), int(column)), logits.shape[-1])
 
 
-def best_cells(
-    logits: torch.Tensor, allowed: torch.Tensor, count: int, apart: float
-) -> list[tuple[int, tuple[int, int, int]]]:  # fmt: skip
-    """As `best_cell`, the ``count`` best ones, at least ``apart`` (cells) from each other on one table.
+def best_cells(logits: torch.Tensor, allowed: torch.Tensor, count: int) -> list[tuple[int, tuple[int, int, int]]]:
+    """As `best_cell`, the ``count`` best ones, at least `APART` from each other on one table.
 
     There are fewer if no other cell is allowed. Neighbours of a chosen cell are left out: they are the same pick.
     """
@@ -240,7 +251,7 @@ def best_cells(
     while len(found) < count and left.any():
         table, cell = best_cell(logits, left)
         found.append((table, cell))
-        left[table] &= torch.hypot(rows - float(cell[1]), columns - float(cell[2])) >= apart
+        left[table] &= torch.hypot(rows - float(cell[1]), columns - float(cell[2])) >= APART
     return found
 
 

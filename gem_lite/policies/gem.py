@@ -13,14 +13,14 @@ from torch import nn
 from typing_extensions import override
 
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.language import Queries, Query
+from gem_lite.language import Queries, Query, is_relation
 from gem_lite.maps import sources
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey, collect_crops
 from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
 from gem_lite.policies.base import METHODS, Policy
-from gem_lite.policies.choosing import Choice, Gate, is_relation, relation_gate
+from gem_lite.policies.choosing import Choice, Gate, relation_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import (
     HEIGHT_SCALE,

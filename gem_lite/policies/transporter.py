@@ -31,11 +31,11 @@ from gem_lite.config import (
     or_none,
     whole_number,
 )
-from gem_lite.language import Queries, split_location
+from gem_lite.language import Queries, is_relation, split_location
 from gem_lite.maps.query_maps import query_maps
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.policies.base import METHODS, Policy, SceneT
-from gem_lite.policies.choosing import Gate, is_relation, relation_gate
+from gem_lite.policies.choosing import Gate, relation_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet

@@ -89,7 +89,7 @@ def holds(relation: str, pose: Pose2, anchors: list[Pose2]) -> bool:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Layout:
     """The poses of an episode: of the thing to move, of its anchors, of distractors, and where the expert puts it."""
 
     thing: Pose2
@@ -130,8 +130,8 @@ class PutBeside(Task):
         named = self._draw_named(rng, count)
         names = named + self._distractors(rng, named)
         radii = [self._radius(environment, name) for name in names]
-        plan = plan_scene(environment, rng, relation, radii)
-        poses = [plan.thing, *plan.anchors, *plan.distractors]
+        layout = draw_layout(environment, rng, relation, radii)
+        poses = [layout.thing, *layout.anchors, *layout.distractors]
         bodies = [
             self._add(environment, rng, name, pose, movable=not 0 < number < count)
             for number, (name, pose) in enumerate(zip(names, poses, strict=False))  # Distractors may find no place.
@@ -142,7 +142,7 @@ class PutBeside(Task):
         sentence = f"put {thing} {SAID[relation]} {' and '.join(anchors)}"
         metric = RelationMetric(relation, tuple(bodies[1:count]))
         symmetry = 0.0 if self.everyday else math.pi / 2
-        return [Goal(sentence, (bodies[0],), (plan.target,), metric, grasp_symmetry=symmetry)]
+        return [Goal(sentence, (bodies[0],), (layout.target,), metric, grasp_symmetry=symmetry)]
 
     def _draw_named(self, rng: np.random.Generator, count: int) -> list[str]:
         if self.everyday:
@@ -179,7 +179,7 @@ class PutBeside(Task):
         return self.put(environment, body, name)
 
 
-def plan_scene(environment: Environment, rng: np.random.Generator, relation: str, radii: list[float]) -> Plan:
+def draw_layout(environment: Environment, rng: np.random.Generator, relation: str, radii: list[float]) -> Layout:
     """Draw poses until the place of a relation is free and the thing is not there yet.
 
     Args:
@@ -206,7 +206,7 @@ def plan_scene(environment: Environment, rng: np.random.Generator, relation: str
         )
         if places.any() and not (near and holds(relation, thing, anchors)):
             row, col = np.unravel_index(relations.graded(places, workspace).argmax(), places.shape)
-            return Plan(thing, anchors, poses[count + 1 :], Pose2(*workspace.to_world(float(row), float(col))))
+            return Layout(thing, anchors, poses[count + 1 :], Pose2(*workspace.to_world(float(row), float(col))))
     raise TableFullError(f"no layout of {LAYOUTS} has a free place {relation} a thing")
 
 
