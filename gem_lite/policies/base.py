@@ -335,7 +335,6 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         scenes = [self.embed(observation.views) for observation in observations]
         inputs, details = zip(*(self.explained_inputs(scene, queries) for scene in scenes), strict=True)
         gates = [self.gates(one.views, of, queries) for one, of in zip(observations, inputs, strict=True)]
-        check_relation(self.name, queries, gates)
         heightmaps = [scene.heightmap for scene in scenes]
         return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates), details
 
@@ -375,6 +374,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         dtype = next(self.parameters()).dtype
         if dtype != torch.float32:
             raise ValueError(f"a policy computes in float32, got {dtype}: call its float() first")
+        check_relation(self.name, queries, gates)
         inputs = collate(tables, self.device)
         seen = torch.from_numpy(np.stack([heightmap.seen for heightmap in heightmaps]))
         training = self.training
