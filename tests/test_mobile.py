@@ -12,6 +12,8 @@ from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.evaluation import actors, evaluate
 from gem_lite.evaluation.rollout import rollout
+from gem_lite.language import Queries, Spot
+from gem_lite.maps import relations
 from gem_lite.policies.cliport import ClipPort, GroundedClipPort
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
@@ -148,6 +150,16 @@ def test_nothing_is_put_back_as_it_lay_on_its_own_table(policy, observations, mo
     assert free.decide_over(observations, SENTENCE).place_table == 0
     scored(monkeypatch, pick, [(2, 0, 30, 20, 3.0), (0, 3, 90, 60, 1.0)])
     assert free.decide_over(observations, SENTENCE).place_table == 2, "the same cell of another table"
+
+
+def test_a_spot_is_a_place_on_its_own_table_alone(policy, observations):
+    x, y = MOBILE.workspace.to_world(20, 60)
+    for table in (0, 2):
+        choice = policy.decide_over(observations, Queries("mug", Spot(x, y, table)))
+        assert choice.place_table == table
+        assert math.hypot(choice.place.x - x, choice.place.y - y) <= relations.SPOT_RADIUS
+    with pytest.raises(relations.NoFreePlaceError, match=r"no camera sees the table at \(3.00, 0.00\) m"):
+        policy.decide_over(observations, Queries("mug", Spot(3.0, 0.0)))
 
 
 def test_a_push_stays_on_its_table(policy, observations, monkeypatch):

@@ -7,11 +7,13 @@ import pytest
 
 from experiments.planning import nouns
 from experiments.planning.scenes import KINDS, MEMBERS
-from gem_lite.maps import refusal, things
+from gem_lite.language import Queries, Spot
+from gem_lite.maps import refusal, relations, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
 from gem_lite.planning.naming import NamedThing, lies_in, telling_phrase, whole_things
 from gem_lite.planning.planner import Planner, Step
+from gem_lite.planning.swaps import read_swap
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
 
@@ -110,6 +112,28 @@ def test_a_written_plan_is_lines_of_which_each_is_read_or_refused():
     assert len(refused) == 2
     with pytest.raises(ValueError, match="does not begin with a known verb"):
         goals.read("tidy up")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "first", "second"),
+    [
+        ("Swap the red cup and the blue cup.", "red cup", "blue cup"),
+        ("Please exchange the fuse with the relay, thanks", "fuse", "relay"),
+        ("Can you switch the places of the penguin and the frog?", "penguin", "frog"),
+        ("Let the hammer and the mallet change places.", "hammer", "mallet"),
+        ("swap the red and white flashlight and the mug", "red and white flashlight", "mug"),
+    ],
+)
+def test_a_swap_names_two_things(sentence, first, second):
+    (swap,) = goals.read(sentence)
+    assert (swap.first, swap.second) == (first, second)
+
+
+def test_a_swap_may_be_one_of_two_goals():
+    goal, swap = goals.read("put all toys in the brown box, then swap the mug and the red block")
+    assert (goal.thing, swap.first, swap.second) == ("toys", "mug", "red block")
+    for sentence in ("trade the positions of the two flasks", "swap the mug", "do not swap the mug and the fork"):
+        assert read_swap(sentence) is None, sentence
 
 
 # The planner --------------------------------------------------------------------------------------------
@@ -233,6 +257,62 @@ def test_a_goal_of_one_sentence_is_said_until_something_left_the_table():
     assert said(plan, lambda name: table.pack(moved.get(name, name))) == [
         "put the blue mug in the brown box", "put the train in the brown box",
     ]  # fmt: skip
+
+
+class Spots:
+    """A fake source and a fake robot of a swap: where each thing lies, of which some cannot be moved."""
+
+    def __init__(self, monkeypatch, fixed=(), **spots):
+        self.spots, self.fixed = spots, fixed
+        monkeypatch.setattr(refusal, "refusal", lambda scene, queries, source, nouns: self.reason(queries[0]))
+        monkeypatch.setattr(refusal, "fit", lambda scene, phrase, source, nouns: self.spots.get(phrase))
+        monkeypatch.setattr(relations, "free_spot", lambda heightmap, table: Spot(0.4, 0.4, table))
+
+    def reason(self, phrase):
+        return None if phrase in self.spots else f'there is no "{phrase}"'
+
+    def embed(self, views):
+        return SimpleNamespace(heightmap=None)
+
+    def do(self, move):
+        if move.pick not in self.fixed:
+            self.spots[move.pick] = lies_at(move.place.x, move.place.y)
+
+
+def lies_at(x, y):
+    return refusal.PhraseFit("", x, y, 1.0, 0.5, "")
+
+
+def swapped(table):
+    """The plan of a swap that a robot carried out."""
+    plan = planner(table, "swap the mug and the fork")
+    while (move := plan.next(SEEING)) is not None:
+        table.do(move)
+    return plan.plan
+
+
+def test_a_swap_is_three_moves_over_a_free_spot(monkeypatch):
+    table = Spots(monkeypatch, mug=lies_at(0.3, 0.0), fork=lies_at(0.6, 0.1))
+    plan = swapped(table)
+    assert [step.instruction for step in plan.steps] == [
+        Queries("mug", Spot(0.4, 0.4)), Queries("fork", Spot(0.3, 0.0)), Queries("mug", Spot(0.6, 0.1)),
+    ]  # fmt: skip
+    assert [(step.name, step.done) for step in plan.steps] == [("mug", True), ("fork", True), ("mug", True)]
+    assert plan.missing == plan.failed == ()
+    assert (table.spots["mug"].x, table.spots["fork"].x) == (0.6, 0.3)
+
+
+def test_a_move_that_fails_is_tried_once_more_and_ends_the_swap(monkeypatch):
+    plan = swapped(Spots(monkeypatch, fixed=("fork",), mug=lies_at(0.3, 0.0), fork=lies_at(0.6, 0.1)))
+    assert [(step.name, step.done) for step in plan.steps] == [("mug", True), ("fork", False), ("fork", False)]
+    assert plan.failed == ('the "fork" is not at (0.30, 0.00) m after 2 tries',)
+
+
+def test_a_swap_of_what_is_not_there_or_of_one_thing_is_not_begun(monkeypatch):
+    plan = swapped(Spots(monkeypatch, mug=lies_at(0.3, 0.0)))
+    assert plan.steps == () and plan.missing == ('there is no "fork"',)
+    plan = swapped(Spots(monkeypatch, mug=lies_at(0.3, 0.0), fork=lies_at(0.31, 0.0)))
+    assert plan.steps == () and "one thing looks like both" in plan.missing[0]
 
 
 def test_several_tables_are_looked_at_together():

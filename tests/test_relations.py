@@ -13,7 +13,7 @@ from tabletop import block, bowl, lay_out, teleport
 from gem_lite import language, tasks
 from gem_lite.evaluation import evaluate
 from gem_lite.foundations import colors
-from gem_lite.language import Queries, parse, split_relation
+from gem_lite.language import Queries, Spot, parse, split_relation
 from gem_lite.maps import crop_memory, refusal, relations
 from gem_lite.maps.query_maps import query_maps
 from gem_lite.maps.relations import GAP, HALF, WIDTH, place_map
@@ -114,11 +114,32 @@ def test_what_is_no_place_is_refused(sentence, message):
 
 
 def test_wrong_queries_are_refused():
-    with pytest.raises(ValueError, match="pick must name a thing, not a place beside one, got 'left of mug'"):
+    with pytest.raises(ValueError, match="pick must name a thing, not a place, got 'left of mug'"):
         Queries("left of mug", "box")
+    with pytest.raises(ValueError, match="pick must name a thing, not a place, got Spot"):
+        Queries(Spot(0.5, 0.0), "box")
     for place in ("between mug", "behind mug and box"):
         with pytest.raises(ValueError, match=r"phrase must name [12] after"):
             Queries("fork", place)
+
+
+def test_the_map_of_a_spot_is_high_there_where_a_camera_sees_the_table():
+    heightmap = scene_of().heightmap
+    semantic = relations.spot_map(Spot(0.45, 0.1), heightmap)
+    distance = np.hypot(X - 0.45, Y - 0.1)
+    assert np.array_equal(semantic > 0, distance <= relations.SPOT_RADIUS) and semantic.max() == 1
+    assert distance[semantic == 1].max() < 0.01
+    unseen = dataclasses.replace(heightmap, seen=distance > 0.2)
+    assert not relations.spot_map(Spot(0.45, 0.1), unseen).any()
+
+
+def test_the_freest_spot_is_far_from_things_and_from_the_border():
+    spot = relations.free_spot(scene_of((0.5, -0.2), (0.45, 0.3)).heightmap, 1)
+    assert spot.table == 1
+    assert all(math.hypot(spot.x - x, spot.y - y) > 0.15 for x, y in ((0.5, -0.2), (0.45, 0.3)))
+    assert WORKSPACE.contains(spot.x, spot.y, HALF + GAP)
+    crowded = [(x, y) for x in np.arange(0.3, 0.75, 0.1) for y in np.arange(-0.45, 0.5, 0.1)]
+    assert relations.free_spot(scene_of(*crowded).heightmap) is None
 
 
 @pytest.mark.parametrize(("relation", "sign"), SIGNS)

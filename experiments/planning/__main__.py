@@ -64,7 +64,30 @@ def nouns() -> None:
     print(of_nouns.table(models.load()))
 
 
-APP = base.make_app("python -m experiments.planning", __doc__, play, table, nouns)
+def swap(*, scenes: int = 50, out: base.Out = None) -> None:
+    """Play scenes in which two things are to change places, and print the table (about 25 minutes).
+
+    Scenes that the file of rows holds already are skipped.
+
+    Args:
+        scenes: number of scenes of each kind: blocks, everyday objects
+
+    Examples:
+      python -m experiments.planning swap --scenes 5
+    """
+    import torch
+
+    from experiments.planning import swapping
+    from gem_lite.evaluation import results
+
+    torch.set_num_threads(1)
+    path = results.output(False, out, "swaps")
+    with base.continues(f"the rows in {path}"):
+        swapping.measure(scenes, path)
+    print(swapping.table(path))
+
+
+APP = base.make_app("python -m experiments.planning", __doc__, play, table, nouns, swap)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from experiments.planning.scenes import COUNT, MEMBERS, Sorting
+from gem_lite.language import Queries
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
 from gem_lite.planning import goals
@@ -21,8 +22,8 @@ from gem_lite.simulation.world import World
 
 INSIDE = 0.5
 """A thing is packed if more than this share of its volume is in the box."""
-Say = Callable[[Observation], str | None]
-"""The next sentence, or None at the end."""
+Say = Callable[[Observation], str | Queries | None]
+"""The next sentence or move, or None at the end."""
 Sayer = Callable[[World, Sorting], Say]
 """Makes who says the sentences of a scene."""
 
@@ -45,20 +46,28 @@ def play(world: World, task: Sorting, seed: int, policy: Gem, sayer: Sayer) -> O
     """
     (observation,) = world.reset(task, seed)
     start = time.perf_counter()
-    next_sentence = sayer(world, task)
-    empty_picks: list[Pose2] = []
-    acts = []
-    while (sentence := next_sentence(observation)) is not None:
-        action = policy.act(observation, sentence, empty_picks)
-        result = world.step(action)
-        empty_picks = [] if result.grasped else [*empty_picks, action.pick]
-        acts.append((sentence, task.plain_names.get(result.held, "")))
-        (observation,) = result.observations
+    acts = tuple(
+        (str(said), task.plain_names.get(held, ""))
+        for said, held in act_out(world, observation, sayer(world, task), policy)
+    )
     seconds = time.perf_counter() - start
     right, wrong = (
         sum(task.metric.share(world, body, task.box) > INSIDE for body in bodies) for bodies in (task.right, task.wrong)
     )
-    return Outcome(right, wrong, round(seconds, 1), tuple(acts))
+    return Outcome(right, wrong, round(seconds, 1), acts)
+
+
+def act_out(
+    world: World, observation: Observation, say: Say, policy: Gem
+) -> Iterator[tuple[str | Queries, int | None]]:  # fmt: skip
+    """Act until nobody says anything more. Yields what was said, and the id of the body that was held then."""
+    empty_picks: list[Pose2] = []
+    while (said := say(observation)) is not None:
+        action = policy.act(observation, said, empty_picks)
+        result = world.step(action)
+        empty_picks = [] if result.grasped else [*empty_picks, action.pick]
+        yield said, result.held
+        (observation,) = result.observations
 
 
 def truly_belong(names: Sequence[str], kind: str) -> list[bool]:

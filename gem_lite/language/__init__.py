@@ -16,11 +16,23 @@ from gem_lite.language.phrases import (
     split_relation,
     without_relation,
 )
-from gem_lite.language.queries import PARSERS, ImageQuery, Parser, Queries, Query, Question, is_relation, understand
+from gem_lite.language.queries import (
+    PARSERS,
+    ImageQuery,
+    Parser,
+    Queries,
+    Query,
+    Question,
+    Spot,
+    ThingQuery,
+    is_relation,
+    understand,
+)
 from gem_lite.language.word_lists import BETWEEN, PLACING, RELATIONS, VERBS
 
 __all__ = [
     "BETWEEN", "EXAMPLE", "LOCATION_CODE_LENGTH", "PARSERS", "PLACING", "RELATIONS", "VERBS", "ImageQuery", "Parser",
-    "Queries", "Query", "Question", "anchor_count", "conjuncts", "is_relation", "location_code", "location_in_front",
-    "parse", "parse_thing", "plural", "split_location", "split_relation", "understand", "without_relation",
+    "Queries", "Query", "Question", "Spot", "ThingQuery", "anchor_count", "conjuncts", "is_relation", "location_code",
+    "location_in_front", "parse", "parse_thing", "plural", "split_location", "split_relation", "understand",
+    "without_relation",
 ]  # fmt: skip

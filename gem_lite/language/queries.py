@@ -35,9 +35,28 @@ class ImageQuery:
         return self.name
 
 
-Query = str | ImageQuery
-"""The thing that is meant: a phrase without its article, or a picture. For a place, the phrase may be a relation to
-things, such as "left of green bowl" (`phrases.split_relation`)."""
+@dataclass(frozen=True)
+class Spot:
+    """A place on a table, by its numbers. No sentence names it; plans do (`planning`).
+
+    Attributes:
+        x, y: metres, in the table's frame.
+        table: the table's number.
+    """
+
+    x: float
+    y: float
+    table: int = 0
+
+    def __str__(self) -> str:
+        return f"({self.x:.2f}, {self.y:.2f}) m" + (f" of table {self.table}" if self.table else "")
+
+
+ThingQuery = str | ImageQuery
+"""The thing that is meant: a phrase without its article, or a picture."""
+Query = ThingQuery | Spot
+"""What is meant: a thing or, for a place, a spot. The phrase of a place may be a relation to things, too, such as "left
+of green bowl" (`phrases.split_relation`)."""
 
 
 def is_relation(query: Query) -> bool:
@@ -53,8 +72,8 @@ class Queries:
         push: whether the sentence asks for a push, from what is to be pushed to the place.
 
     Raises:
-        ValueError: one of them is neither a text with words nor an `ImageQuery`; the pick is a relation, or the place
-            is a relation to a wrong number of things.
+        ValueError: one of them is neither a text with words, an `ImageQuery` nor a `Spot`; the pick is a relation or a
+            spot, or the place is a relation to a wrong number of things.
     """
 
     pick: Query
@@ -63,10 +82,11 @@ class Queries:
 
     def __post_init__(self) -> None:
         for name, query in (("pick", self.pick), ("place", self.place)):
-            if not isinstance(query, ImageQuery) and not (isinstance(query, str) and query.strip()):
-                raise ValueError(f"{name} must be a phrase or an ImageQuery, got {query!r}")
-            if is_relation(query) and name == "pick":
-                raise ValueError(f"pick must name a thing, not a place beside one, got {query!r}")
+            if not isinstance(query, ImageQuery | Spot) and not (isinstance(query, str) and query.strip()):
+                raise ValueError(f"{name} must be a phrase, an ImageQuery or a Spot, got {query!r}")
+            is_place = isinstance(query, Spot) or is_relation(query)  # It refuses a wrong number of things.
+            if is_place and name == "pick":
+                raise ValueError(f"pick must name a thing, not a place, got {query!r}")
 
     def __str__(self) -> str:
         return f"push {self.pick} to {self.place}" if self.push else f"pick {self.pick}, place {self.place}"

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from gem_lite import language
 from gem_lite.config import FLAG, TEXT, entry, number
-from gem_lite.language import Query
+from gem_lite.language import Query, Spot, ThingQuery
 from gem_lite.maps import relations, semantic_map
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig
@@ -77,8 +77,8 @@ def query_maps(
     """A query's maps: Eq. 1-4 without the depth, which the networks add.
 
     A phrase with "and" is several phrases, whose maps are joined. A location word chooses among the strongest responses
-    of a phrase (`located`). A relation has one map (`relation_map`). A whole sentence (`Config.parsing`) is one query
-    and has none of them.
+    of a phrase (`located`). A relation has one map (`relation_map`), and so has a spot (`relations.spot_map`). A whole
+    sentence (`Config.parsing`) is one query and has none of them.
 
     Args:
         scene: of ``source``.
@@ -86,7 +86,7 @@ def query_maps(
         hidden: an episode whose crops must not be retrieved; in training, the step's own.
     """
 
-    def of_one(query: Query) -> QueryMaps:
+    def of_one(query: ThingQuery) -> QueryMaps:
         word = None
         if config.parsing and isinstance(query, str):
             word, _ = language.split_location(query)
@@ -101,10 +101,13 @@ def query_maps(
             return QueryMaps(text, image, fused)
         return QueryMaps(located(text, word, config.workspace), image, located(fused, word, config.workspace))
 
+    if isinstance(query, Spot):
+        place = relations.spot_map(query, scene.heightmap)
+        return QueryMaps(place, None, place)
     if config.parsing and isinstance(query, str) and language.is_relation(query):
         place = relation_map(scene, query, source)
         return QueryMaps(place, None, place)
-    phrases: Sequence[Query] = [query]
+    phrases: Sequence[ThingQuery] = [query]
     if config.conjuncts and config.parsing and isinstance(query, str):
         phrases = language.conjuncts(query)
     return joined([of_one(phrase) for phrase in phrases])

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite import language
+from gem_lite.language import Spot
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import PLATEAU, plateau_centre
 from gem_lite.maps.things import things
@@ -41,6 +42,8 @@ LOWEST_VALUE = 0.5
 """Free places have at least this value. It grows to 1 where most places around are free, too."""
 SPREAD = 0.04
 """The width (m, one standard deviation) of what counts as around."""
+SPOT_RADIUS = 0.02
+"""Cells at most this far (m) from a spot belong to it."""
 DIRECTIONS = {"left of": (-1, 0), "right of": (1, 0), "in front of": (0, -1), "behind": (0, 1)}
 """Unit steps in x and y of the table."""
 BESIDE = "beside"
@@ -48,7 +51,7 @@ BESIDE = "beside"
 
 
 class NoFreePlaceError(ValueError):
-    """No place with a relation to things is free. The message names the relation and the things."""
+    """No place with a relation to things is free, or no camera sees a spot. The message names it."""
 
 
 def place_map(
@@ -76,11 +79,42 @@ def place_map(
         return nothing
     rising, flat = ([ndimage.binary_fill_holes(mask) for mask in masks] for masks in things(heightmap))
     masks = [thing_at_peak(semantic, rising, config) for semantic in anchors]
-    covered = np.zeros(heightmap.seen.shape, bool)
-    for mask in (*masks, *rising, *flat):
-        covered |= ndimage.binary_fill_holes(mask)
-    places = free_places(relation, masks, covered, heightmap.workspace) & heightmap.seen
+    everything = covered([*masks, *rising, *flat], heightmap.workspace)
+    places = free_places(relation, masks, everything, heightmap.workspace) & heightmap.seen
     return peak * graded(places, heightmap.workspace) if places.any() else nothing
+
+
+def spot_map(spot: Spot, heightmap: HeightMap) -> np.ndarray:
+    """The map (H, W) float32 of a spot: 1 in its midst, and 0 beyond `SPOT_RADIUS` or where no camera saw the table."""
+    x, y = heightmap.workspace.to_world(*np.indices(heightmap.workspace.shape))
+    places = (np.hypot(x - spot.x, y - spot.y) <= SPOT_RADIUS) & heightmap.seen
+    return graded(places, heightmap.workspace) if places.any() else np.zeros(places.shape, np.float32)
+
+
+def free_spot(heightmap: HeightMap, table: int = 0) -> Spot | None:
+    """The seen spot of a table that is farthest from all things and from the border; None if none has room.
+
+    Args:
+        table: the table's number.
+    """
+    workspace = heightmap.workspace
+    x, y = workspace.to_world(*np.indices(workspace.shape))
+    to_border = np.minimum.reduce([x - workspace.x_min, workspace.x_max - x, y - workspace.y_min, workspace.y_max - y])
+    rising, flat = things(heightmap)
+    to_thing = distance_to(covered([*rising, *flat], workspace), workspace)
+    room = np.where(heightmap.seen, np.minimum(to_thing, to_border), 0)
+    if room.max() < HALF + GAP:
+        return None
+    row, col = np.unravel_index(int(room.argmax()), room.shape)
+    return Spot(float(x[row, col]), float(y[row, col]), table)
+
+
+def covered(masks: Sequence[np.ndarray], workspace: Workspace) -> np.ndarray:
+    """The cells (H, W) bool of all things, given as (H, W) bool each, with their holes."""
+    cells = np.zeros(workspace.shape, bool)
+    for mask in masks:
+        cells |= ndimage.binary_fill_holes(mask)
+    return cells
 
 
 def graded(places: np.ndarray, workspace: Workspace) -> np.ndarray:
@@ -90,8 +124,10 @@ def graded(places: np.ndarray, workspace: Workspace) -> np.ndarray:
     return np.where(places, LOWEST_VALUE + (1 - LOWEST_VALUE) * around / highest, 0).astype(np.float32)
 
 
-def no_free_place(query: str) -> str:
-    """One sentence for a relation, such as "left of green bowl", of which no place is free."""
+def no_free_place(query: str | Spot) -> str:
+    """One sentence for a relation, such as "left of green bowl", of which no place is free, or for an unseen spot."""
+    if isinstance(query, Spot):
+        return f"no camera sees the table at {query}"
     relation, anchors = language.split_relation(query)
     return f"there is no free place {relation} " + " and ".join(f'"{anchor}"' for anchor in anchors)
 
@@ -117,13 +153,13 @@ def thing_at_peak(semantic: np.ndarray, rising: Sequence[np.ndarray], config: Pa
 
 
 def free_places(
-    relation: str, anchors: Sequence[np.ndarray], covered: np.ndarray, workspace: Workspace
+    relation: str, anchors: Sequence[np.ndarray], everything: np.ndarray, workspace: Workspace
 ) -> np.ndarray:  # fmt: skip
     """The cells (H, W) bool of free table at a fitting distance from things.
 
     Args:
         anchors: the cells (H, W) bool of each thing of the relation.
-        covered: (H, W) bool, the cells of all things.
+        everything: (H, W) bool, the cells of all things.
 
     Raises:
         ValueError: an unknown relation.
@@ -132,7 +168,7 @@ def free_places(
         allowed = ", ".join(dict.fromkeys(language.RELATIONS.values()))
         raise ValueError(f"relation must be one of {allowed}, got {relation!r}")
     x, y = workspace.to_world(*np.indices(workspace.shape))
-    free = (distance_to(covered, workspace) >= HALF + GAP) & workspace.contains(x, y, HALF)
+    free = (distance_to(everything, workspace) >= HALF + GAP) & workspace.contains(x, y, HALF)
     if relation == language.BETWEEN:
         return free & _around_middle(anchors, x, y)
     band = distance_to(anchors[0], workspace) <= HALF + GAP + WIDTH

@@ -1,6 +1,6 @@
 """Semantic maps of a scene (Sec. 3.1): conditioned on a text (Eq. 1), on a picture (Eq. 2-3), and their blend (Eq. 4).
 
-Each map is made for a query (`gem_lite.language.Query`): a phrase or a picture.
+Each map is made for a query (`gem_lite.language.ThingQuery`): a phrase or a picture.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import torch
 from scipy import sparse
 
 from gem_lite.clip import Clip
-from gem_lite.language import ImageQuery, Query
+from gem_lite.language import ImageQuery, ThingQuery
 from gem_lite.maps import patches
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.patches import PatchConfig, PatchEmbeddings
@@ -93,7 +93,7 @@ def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> Scene
     return embed_views(views, clip, config, embed_view)
 
 
-def embed_query(query: Query, clip: Clip) -> torch.Tensor:
+def embed_query(query: ThingQuery, clip: Clip) -> torch.Tensor:
     """A text's or a picture's embedding (D,), on the CPU, as the CLIP gives it.
 
     Raises:
@@ -109,14 +109,14 @@ def embed_phrase(phrase: str, clip: Clip) -> torch.Tensor:
     return torch.nn.functional.normalize(clip.embed_texts([phrase])[0], dim=0).cpu()
 
 
-def _score(cosine: Callable[[torch.Tensor], np.ndarray], query: Query, clip: Clip) -> np.ndarray:
+def _score(cosine: Callable[[torch.Tensor], np.ndarray], query: ThingQuery, clip: Clip) -> np.ndarray:
     """The cosines with a query, on the CLIP's scale for texts or for pictures."""
     if isinstance(query, ImageQuery):
         return clip.calibration.scale_image(cosine(embed_query(query, clip)))
     return clip.calibration.scale_text(cosine(embed_phrase(query, clip)))
 
 
-def text_conditioned_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarray:
+def text_conditioned_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -> np.ndarray:
     """M_text (Eq. 1): every view's patches scored against a query, fused from above by point cloud.
 
     A picture may stand in the phrase's place; then the scale is that of pictures.
@@ -127,7 +127,7 @@ def text_conditioned_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.
     return _score(scene.cosine, query, clip)
 
 
-def single_view_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarray:
+def single_view_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -> np.ndarray:
     """The text-conditioned map from the height map's own patches: the paper's "without multi-view" (A.2).
 
     Returns:
@@ -137,7 +137,7 @@ def single_view_map(scene: SceneEmbedding, query: Query, clip: Clip) -> np.ndarr
 
 
 def image_conditioned_map(
-    scene: SceneEmbedding, query: Query, clip: Clip, memory: CropMemory | None, hidden: EpisodeKey | None = None
+    scene: SceneEmbedding, query: ThingQuery, clip: Clip, memory: CropMemory | None, hidden: EpisodeKey | None = None
 ) -> np.ndarray | None:
     """M_image (Eq. 2-3): a crop's embedding against the height map's patches.
 

@@ -16,7 +16,7 @@ from typing_extensions import override
 
 from gem_lite.clip import Clip
 from gem_lite.foundations.registry import Registry
-from gem_lite.language import Query
+from gem_lite.language import ThingQuery
 from gem_lite.maps import semantic_map
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
@@ -43,7 +43,7 @@ class MapSource(ABC):
         return semantic_map.embed_views(views, self.clip, self.config)
 
     @abstractmethod
-    def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
         """The map of a query in a scene of `embed`.
 
         Returns:
@@ -63,7 +63,7 @@ class ViewSource(MapSource, Generic[ViewEmbedding]):
         """
 
     @abstractmethod
-    def score_view(self, embedded: ViewEmbedding, query: Query) -> np.ndarray:
+    def score_view(self, embedded: ViewEmbedding, query: ThingQuery) -> np.ndarray:
         """A score (H_n, W_n) for each pixel of a view: about 0 where nothing matches and about 1 on a match."""
 
     @override
@@ -71,7 +71,7 @@ class ViewSource(MapSource, Generic[ViewEmbedding]):
         return semantic_map.embed_views(views, self.clip, self.config, self.embed_view)
 
     @override
-    def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
         return scene.fuse([self.score_view(side, query) for side in scene.sides])
 
 
@@ -99,7 +99,7 @@ class MultiView(MapSource):
         return last[1]
 
     @override
-    def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
         return semantic_map.text_conditioned_map(scene, query, self.clip)
 
 
@@ -108,7 +108,7 @@ class SingleView(MapSource):
     """CLIP's cosines with the patches of the height map: the paper's "without multi-view" (A.2)."""
 
     @override
-    def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
         return semantic_map.single_view_map(scene, query, self.clip)
 
 
@@ -119,5 +119,5 @@ class NoMap(MapSource):
     uses_views = False
 
     @override
-    def map(self, scene: SceneEmbedding, query: Query) -> np.ndarray:
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
         return np.ones(self.config.workspace.shape, np.float32)

@@ -15,6 +15,7 @@ from gem_lite import language
 from gem_lite.language import Parser, Queries
 from gem_lite.language.word_lists import OF_SEVERAL
 from gem_lite.planning.belonging import KINDS
+from gem_lite.planning.swaps import Swap, read_swap
 
 _JOINT = re.compile(r"\s*(?:,|;|\band then\b|\band\b|\bthen\b)\s*")
 _BULLET = re.compile(r"\s*(?:[-*•]|\d+[.):])?\s*")
@@ -41,7 +42,9 @@ class Goal:
         return f"put the {phrase} in the {self.place}"
 
 
-def read(instruction: str, kinds: Sequence[str] = KINDS, parser: Parser = language.parse) -> tuple[Goal, ...]:
+def read(
+    instruction: str, kinds: Sequence[str] = KINDS, parser: Parser = language.parse
+) -> tuple[Goal | Swap, ...]:  # fmt: skip
     """The goals of an instruction, in their order.
 
     Raises:
@@ -57,7 +60,8 @@ def read(instruction: str, kinds: Sequence[str] = KINDS, parser: Parser = langua
             before = _goal(first, kinds, parser)
             verb = next((word for word in first.lower().split() if word in language.VERBS), "")
             begins = rest.lower().split()[:1]
-            rest = rest if begins and begins[0] in language.VERBS else f"{verb} {rest}"
+            whole = read_swap(rest) is not None or (begins and begins[0] in language.VERBS)
+            rest = rest if whole else f"{verb} {rest}"
             return (before, *read(rest, kinds, parser))
         except ValueError:
             continue
@@ -66,13 +70,13 @@ def read(instruction: str, kinds: Sequence[str] = KINDS, parser: Parser = langua
 
 def read_lines(
     text: str, kinds: Sequence[str] = KINDS, parser: Parser = language.parse
-) -> tuple[tuple[Goal, ...], tuple[str, ...]]:
+) -> tuple[tuple[Goal | Swap, ...], tuple[str, ...]]:
     """The goals of a plan that a language model wrote, a sentence a line. The text is data: nothing in it is run.
 
     Returns:
         The goals of the lines that can be read, and for each other line why it cannot.
     """
-    goals: list[Goal] = []
+    goals: list[Goal | Swap] = []
     refused: list[str] = []
     for line in text.splitlines():
         sentence = _BULLET.sub("", line, count=1).strip()
@@ -85,7 +89,10 @@ def read_lines(
     return tuple(goals), tuple(refused)
 
 
-def _goal(sentence: str, kinds: Sequence[str], parser: Parser) -> Goal:
+def _goal(sentence: str, kinds: Sequence[str], parser: Parser) -> Goal | Swap:
+    swap = read_swap(sentence)
+    if swap is not None:
+        return swap
     parsed = parser(sentence)
     if not isinstance(parsed, Queries) or not isinstance(parsed.pick, str) or not isinstance(parsed.place, str):
         raise ValueError(f"a goal must be one pick and one place in words, got {sentence!r}")

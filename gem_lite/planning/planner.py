@@ -1,8 +1,8 @@
 """The planner: look, choose the next thing that belongs, say the sentence; the policy acts; look again.
 
     planner = Planner(goals.read("pick all toys and place them into the brown box"), belongs, names, policy.source)
-    while (sentence := planner.next(observation)) is not None:
-        observation = robot.do(policy.act(observation, sentence))
+    while (instruction := planner.next(observation)) is not None:
+        observation = robot.do(policy.act(observation, instruction))
     print(planner.plan)
 
 The planner sees what the policy sees, camera views, and nothing else. It looks again after every act, so a thing that
@@ -20,8 +20,10 @@ from gem_lite.language import Parser, Queries
 from gem_lite.maps import refusal
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import MapSource
+from gem_lite.planning import swaps
 from gem_lite.planning.goals import Goal
 from gem_lite.planning.naming import Found, NamedThing, lies_in, named_things, phrase_scores, telling_phrase
+from gem_lite.planning.swaps import Swap
 from gem_lite.rgbd.observation import Observation
 
 TRIES = 2
@@ -33,9 +35,15 @@ Namer = Callable[[SceneEmbedding, Sequence[str], MapSource], list[NamedThing]]
 
 @dataclass(frozen=True)
 class Step:
-    """A sentence of a plan, and whether the table afterwards lacks the thing; None before anybody looked again."""
+    """What a plan says, and whether it was done; None before anybody looked again.
 
-    sentence: str
+    Attributes:
+        instruction: a sentence, or the queries of a move to a spot (`swaps`).
+        name: of the thing that it moves.
+        done: whether the thing is gone afterwards, or at its spot.
+    """
+
+    instruction: str | Queries
     name: str
     done: bool | None = None
 
@@ -45,7 +53,7 @@ class Plan:
     """What a planner said so far.
 
     Attributes:
-        steps: the sentences in their order.
+        steps: what was said, in its order.
         missing: what is not on the table, a sentence each.
         failed: what was given up after `TRIES`, or has a name that the parser refuses, a sentence each.
     """
@@ -78,6 +86,7 @@ class _Progress:
         tried: how often the thing of each name stayed on the table.
         given_up: the names that are not tried again.
         before: how often each name was on the table when the last sentence was said; None if that was judged.
+        moves: those of a swap that are left; None before a look.
     """
 
     said: int = 0
@@ -86,6 +95,7 @@ class _Progress:
     tried: Counter[str] = field(default_factory=Counter)
     given_up: set[str] = field(default_factory=set)
     before: Counter[str] | None = None
+    moves: deque[Queries] | None = None
 
 
 class Planner:
@@ -104,7 +114,7 @@ class Planner:
     """
 
     def __init__(
-        self, goals: Sequence[Goal], belongs: Belongs, names: Sequence[str], source: MapSource,
+        self, goals: Sequence[Goal | Swap], belongs: Belongs, names: Sequence[str], source: MapSource,
         parser: Parser = language.parse, namer: Namer = named_things,
     ) -> None:  # fmt: skip
         for argument, given in (("goals", goals), ("names", names)):
@@ -122,8 +132,8 @@ class Planner:
         """The plan so far."""
         return Plan(tuple(self._steps), tuple(self._missing), tuple(self._failed))
 
-    def next(self, *observations: Observation) -> str | None:
-        """The next sentence, or None if no goal is left.
+    def next(self, *observations: Observation) -> str | Queries | None:
+        """The next instruction for the policy, or None if no goal is left.
 
         Args:
             observations: what the cameras see now, one for each table.
@@ -136,19 +146,44 @@ class Planner:
         scenes = [self._source.embed(observation.views) for observation in observations]
         while self._goals:
             goal = self._goals[0]
-            table = self._look(scenes, goal.place)
-            step = None
-            if table is None:
-                self._missing.append(f'there is no "{goal.place}": nothing on the table looks like it')
-            else:
-                self._judge_last_step(table.count())
-                step = self._choose(goal, table, scenes)
+            step = self._next_move(goal, scenes) if isinstance(goal, Swap) else self._next_sentence(goal, scenes)
             if step is not None:
                 self._steps.append(step)
-                return step.sentence
+                return step.instruction
             self._goals.popleft()
             self._progress = _Progress()
         return None
+
+    def _next_move(self, swap: Swap, scenes: Sequence[SceneEmbedding]) -> Step | None:
+        """The next move of a swap; None if all are done or one was given up."""
+        progress = self._progress
+        if progress.moves is None:
+            try:
+                progress.moves = deque(swaps.moves(swap, scenes, self._source, self._names))
+            except ValueError as reason:
+                self._missing.append(str(reason))
+                return None
+        else:
+            last = self._steps[-1]
+            done = swaps.is_done(progress.moves[0], scenes, self._source, self._names)
+            self._steps[-1] = replace(last, done=done)
+            progress.said += 1
+            if done:
+                progress.moves.popleft()
+                progress.said = 0
+            elif progress.said == TRIES:
+                self._failed.append(f'the "{last.name}" is not at {progress.moves[0].place} after {TRIES} tries')
+                return None
+        return Step(progress.moves[0], str(progress.moves[0].pick)) if progress.moves else None
+
+    def _next_sentence(self, goal: Goal, scenes: Sequence[SceneEmbedding]) -> Step | None:
+        """The next sentence for a goal; None if it is reached or cannot be."""
+        table = self._look(scenes, goal.place)
+        if table is None:
+            self._missing.append(f'there is no "{goal.place}": nothing on the table looks like it')
+            return None
+        self._judge_last_step(table.count())
+        return self._choose(goal, table, scenes)
 
     def _look(self, scenes: Sequence[SceneEmbedding], place: str) -> _Table | None:
         """What lies on the tables besides a place; None if there is no such place."""
@@ -209,7 +244,7 @@ class Planner:
     def _passes(self, step: Step, scenes: Sequence[SceneEmbedding]) -> bool:
         """Whether the parser reads a step's sentence, and its thing is on one of the tables. Others are given up."""
         try:
-            queries = self._parser(step.sentence)
+            queries = self._parser(step.instruction) if isinstance(step.instruction, str) else step.instruction
         except ValueError as error:
             self._progress.given_up.add(step.name)
             self._failed.append(str(error))

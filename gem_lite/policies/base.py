@@ -23,7 +23,7 @@ from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.foundations.registry import Registry
-from gem_lite.language import ImageQuery, Queries, Query, is_relation
+from gem_lite.language import Queries, Query, Spot, is_relation
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
@@ -34,11 +34,12 @@ from gem_lite.policies.choosing import (
     TablesChoice,
     best_cell,
     best_cells,
-    check_relation,
+    check_place,
     gated,
     log_probability,
     unmoved,
     untried,
+    with_spot,
 )
 from gem_lite.policies.inputs import (
     Cell,
@@ -176,7 +177,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """The queries of each goal of an instruction, in the order in which to reach them. `Queries` are one goal.
 
         Raises:
-            ValueError: the parser refuses the instruction, or the policy cannot follow it (`check_relation`).
+            ValueError: the parser refuses the instruction, or the policy cannot follow it (`check_place`).
         """
         if isinstance(instruction, Queries):
             return (instruction,)
@@ -207,15 +208,17 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
     def embed_words(self, query: Query) -> torch.Tensor:
         """A query as the networks get it, (`language_dim`,): CLIP's embedding, then the code of its location words.
 
-        Of a place beside things, they get the things.
+        Of a place beside things, they get the things, and of a spot, the word "table".
         """
+        if isinstance(query, Spot):
+            query = "table"
         if self.config.parsing and isinstance(query, str):
             query = language.without_relation(query)
         plain = language.location_in_front(query) if self.config.parsing and isinstance(query, str) else query
         embedding = embed_query(plain, self.clip)
         if not self.config.location_code:
             return embedding
-        return torch.cat([embedding, language.location_code("" if isinstance(query, ImageQuery) else query)])
+        return torch.cat([embedding, language.location_code(query if isinstance(query, str) else "")])
 
     @property
     def language_dim(self) -> int:
@@ -374,7 +377,8 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         dtype = next(self.parameters()).dtype
         if dtype != torch.float32:
             raise ValueError(f"a policy computes in float32, got {dtype}: call its float() first")
-        check_relation(self.name, queries, gates)
+        gates = with_spot(gates, queries.place, heightmaps)
+        check_place(self.name, queries, gates)
         inputs = collate(tables, self.device)
         seen = torch.from_numpy(np.stack([heightmap.seen for heightmap in heightmaps]))
         training = self.training

@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from gem_lite.actions import Action, PickPlace, Push
 from gem_lite.config import Config
-from gem_lite.language import Queries, is_relation
+from gem_lite.language import Queries, Query, Spot, is_relation
 from gem_lite.maps import relations
 from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.policies.inputs import BARE_HEIGHT, Inputs
@@ -114,30 +114,47 @@ class Gate:
     config: GemConfig
 
 
-def relation_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
-    """The gate for a place beside things: exactly the cells where its map (H, W) is above 0.
+def place_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
+    """The gate for a place beside things, or for a spot: exactly the cells where its map (H, W) is above 0.
 
-    No network can learn the relation, since training turns the pictures. So no policy acts without this gate.
+    No network can learn a relation, since training turns the pictures. So no policy acts without this gate.
     """
     return Gate((semantic > 0) * semantic.max(), height, EXACTLY)
 
 
-def check_relation(name: str, queries: Queries, gates: Sequence[Mapping[str, Gate]]) -> None:
-    """Check that the gates of one or several tables leave a place, if the place is a relation to things.
+def with_spot(
+    gates: Sequence[Mapping[str, Gate]], place: Query, heightmaps: Sequence[HeightMap]
+) -> Sequence[Mapping[str, Gate]]:  # fmt: skip
+    """The gates of several tables, with those of a place that is a spot: it leaves cells on its own table alone.
+
+    A spot needs no semantic map, so that every policy can place there.
+    """
+    if not isinstance(place, Spot):
+        return gates
+    changed = []
+    for number, (of_table, heightmap) in enumerate(zip(gates, heightmaps, strict=True)):
+        semantic = torch.from_numpy(relations.spot_map(place, heightmap)) * (number == place.table)
+        changed.append({**of_table, "place": place_gate(semantic, torch.from_numpy(heightmap.height))})
+    return changed
+
+
+def check_place(name: str, queries: Queries, gates: Sequence[Mapping[str, Gate]]) -> None:
+    """Check that the gates of one or several tables leave a place, if the place is a relation to things or a spot.
 
     Args:
         name: of the policy.
 
     Raises:
-        ValueError: there is no gate, so that the policy would place anywhere; or no place is free.
+        ValueError: there is no gate, so that the policy would place anywhere; or no place is free or seen.
     """
-    if not is_relation(queries.place):
+    place = queries.place
+    if not isinstance(place, Spot) and not is_relation(place):
         return
     maps = [of_table["place"].semantic for of_table in gates if "place" in of_table]
     if not maps:
-        raise ValueError(f"{name} has no map of a place {str(queries.place)!r}: ask a gem policy with a semantic map")
+        raise ValueError(f"{name} has no map of a place {str(place)!r}: ask a gem policy with a semantic map")
     if not any(bool((semantic > 0).any()) for semantic in maps):
-        raise relations.NoFreePlaceError(relations.no_free_place(str(queries.place)))
+        raise relations.NoFreePlaceError(relations.no_free_place(place if isinstance(place, Spot) else str(place)))
 
 
 def near_peak(

@@ -20,7 +20,7 @@ from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
 from gem_lite.policies.base import METHODS, Policy
-from gem_lite.policies.choosing import Choice, Gate, relation_gate
+from gem_lite.policies.choosing import Choice, Gate, place_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import (
     HEIGHT_SCALE,
@@ -246,7 +246,7 @@ class Gem(Policy[SceneEmbedding]):
         if not queries.push and self.config.peak_margin is not None:  # A push starts where the thing's map is low.
             gates["pick"] = Gate(inputs.maps["pick"][0], height, self.config)
         if is_relation(queries.place) and self.source.uses_views:
-            gates["place"] = relation_gate(inputs.maps["place"][0], height)
+            gates["place"] = place_gate(inputs.maps["place"][0], height)
         return gates
 
     @override

@@ -35,7 +35,7 @@ from gem_lite.language import Queries, is_relation, split_location
 from gem_lite.maps.query_maps import query_maps
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.policies.base import METHODS, Policy, SceneT
-from gem_lite.policies.choosing import Gate, relation_gate
+from gem_lite.policies.choosing import Gate, place_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import RGBD, Inputs, to_rgbd
 from gem_lite.policies.networks import UNet
@@ -230,7 +230,7 @@ class Rival(Policy[SceneT]):
         maps = {role: query_maps(self._map_source, scene, query, self._map_config) for role, query in gating.items()}
         gates = {role: Gate(torch.from_numpy(of.fused), height, self._map_config) for role, of in maps.items()}
         if related:
-            gates["place"] = relation_gate(gates["place"].semantic, height)
+            gates["place"] = place_gate(gates["place"].semantic, height)
         return gates
 
 
