@@ -18,7 +18,8 @@ def plan(
     and what became of it, then what is missing and what failed.
 
     Args:
-        goal: such as "pick all toys and place them into the brown box", or two goals with "and"
+        goal: such as "pick all toys and place them into the brown box", "swap the mug and the fork", or two goals
+            with "and"
         task: whose scene; its own sentences are not used
         episode: index of the scene in the split
         policy: checkpoint of a GEM
@@ -47,13 +48,13 @@ def plan(
     with Table(style=looks.style(world)) as table:
         (observation,) = table.reset(scene, tasks.episode_seed(split, episode))
         empty_picks = []
-        while (sentence := planner.next(observation)) is not None:
-            print(f"{len(planner.plan.steps)}. {sentence}", flush=True)
-            action = acting.act(observation, sentence, empty_picks)
+        while (instruction := planner.next(observation)) is not None:
+            print(f"{len(planner.plan.steps)}. {instruction}", flush=True)
+            action = acting.act(observation, instruction, empty_picks)
             result = table.step(action)
             empty_picks = [] if result.grasped else [*empty_picks, action.pick]
             (observation,) = result.observations
     done = sum(step.done is True for step in planner.plan.steps)
     for problem in (*planner.plan.missing, *planner.plan.failed):
         print(problem)
-    print(f"{len(planner.plan.steps)} sentences; after {done} of them the thing no longer lay on the table")
+    print(f"{len(planner.plan.steps)} sentences; {done} of them were done, as the cameras see it")
