@@ -37,7 +37,7 @@ COMMANDS = (
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
-    "planning play", "planning table", "planning nouns", "pointing",
+    "planning play", "planning table", "planning nouns", "planning swap", "pointing",
     "sensor_noise",
 )  # fmt: skip
 
