@@ -41,6 +41,11 @@ class BowlProfile:
     floor: float = 0.01
     bend: float = 1.0
 
+    def scaled(self, factor: float) -> BowlProfile:
+        """The outline of a similar bowl, whose lengths are multiplied by ``factor``."""
+        lengths = (self.rim, self.base, self.height, self.wall, self.floor)
+        return BowlProfile(*[factor * length for length in lengths], bend=self.bend)
+
 
 BOWL = BowlProfile()
 """The default bowl."""
