@@ -3,13 +3,16 @@
 import gem_lite.simulation  # noqa: F401 (before the families: it imports PyBullet without its message)
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     align_rope,
+    arrange_letter_to_word,
     assembling_kits,
     bars_in_box,
     block_insertion,
+    block_stacking_pyramid,
     object_sorting,
     packing_box_pairs,
     packing_objects,
     packing_shapes,
+    pick_shapes_in_bowl,
     put_beside,
     put_block_in_bowl,
     separating_piles,
