@@ -33,6 +33,7 @@ class Task(ABC):
 
     Attributes:
         workspace: the area of the task's table.
+        scale: the size of its things, as a multiple of CLIPort's.
         effector: the name of the tool, see `effectors`.
         max_steps: the number of actions after which an episode ends.
         goals: the goals of the present episode; empty before `reset`.
@@ -46,6 +47,7 @@ class Task(ABC):
     """
 
     workspace: Workspace = Workspace()
+    scale: float = 1.0
     effector: str = "suction"
     max_steps: int = 1
 
