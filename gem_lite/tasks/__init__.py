@@ -23,7 +23,8 @@ from gem_lite.tasks.registry import SPLITS, family, make, names, register, varia
 from gem_lite.tasks.task import Split, Task
 
 __all__ = [
-    "PAPER", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants",
+    "PAPER", "REAL_TABLE", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names",
+    "register", "variants",
 ]  # fmt: skip
 
 PAPER = (
@@ -35,6 +36,11 @@ PAPER = (
     "stack-block-pyramid-seq-unseen-colors", "towers-of-hanoi-seq-seen-colors", "towers-of-hanoi-seq-unseen-colors",
 )  # fmt: skip
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
+REAL_TABLE = (
+    "arrange-letter-to-word-seen", "arrange-letter-to-word-unseen", "block-stacking-pyramid-seen",
+    "block-stacking-pyramid-unseen", "pick-shapes-in-bowl-seen", "pick-shapes-in-bowl-unseen",
+)  # fmt: skip
+"""The paper's tasks on real tables (A.11), in simulation."""
 
 SEED_START: dict[Split, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
 """Episode i of a split has the seed SEED_START[split] + i. The ranges of the splits do not overlap."""

@@ -1,4 +1,4 @@
-"""arrange-letter-to-word: "pick the blue letter E and place on green plate", the paper's task on a real table (A.11)."""
+"""arrange-letter-to-word: "pick the blue letter E and place on green plate", of the paper's real tables (A.11)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ TILE_MARGIN, PLATE_MARGIN = 0.0008, 0.0015
 ON_PLATE = PoseMetric(
     PLATE[0] / 2, FULL_TURN, math.radians(15), height=PLATE[2] + TILE[2] / 2, height_distance=0.003, wrong_yaw=0.5
 )
-"""The middle of a tile lies over the plate, flat. A wrong yaw earns half (A.11); its limit is that of our other tasks."""
+"""The middle of a tile lies over the plate, flat. A wrong yaw earns half (A.11); its limit is our other tasks'."""
 QUARTER = math.pi / 2
 
 

@@ -1,4 +1,4 @@
-"""block-stacking-pyramid: "pick the red block and place on green and blue block", the paper's task on a real table.
+"""block-stacking-pyramid: "pick the red block and place on green and blue block", of the paper's real tables.
 
 It is the pyramid of `stack_block_pyramid` at the size of the real tables (A.11), on three plates that have colours of
 their own.
@@ -37,8 +37,8 @@ class BlockStackingPyramid(Task):
     """Six movable blocks of six colours, and three fixed plates in a row of three other colours; no distractors.
 
     The sentences have a fixed order, with the bottom layer first. An episode has twelve actions: six more than blocks.
-    In validation and test, the blocks of the unseen variant have the unseen colours; the plates are the same (A.11: "the
-    evaluation involves blocks that have not been seen before").
+    In validation and test, the blocks of the unseen variant have the unseen colours. The plates are the same: in A.11,
+    "the evaluation involves blocks that have not been seen before".
     """
 
     workspace = WORKSPACE

@@ -1,4 +1,4 @@
-"""pick-shapes-in-bowl: "pick the yellow pentagon and place into green bowl", the paper's task on a real table (A.11)."""
+"""pick-shapes-in-bowl: "pick the yellow pentagon and place into green bowl", of the paper's real tables (A.11)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks import put_block_in_bowl
 from gem_lite.tasks.goals import Goal, PoseMetric
-from gem_lite.tasks.packing_shapes import TURNS, ROUND
+from gem_lite.tasks.packing_shapes import ROUND, TURNS
 from gem_lite.tasks.real_table import AREA, GAP, SCALE, WORKSPACE
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
@@ -23,11 +23,11 @@ from gem_lite.tasks.task import Task
 
 SHAPES = ("square", "plus", "diamond", "pentagon", "rectangle", "flower", "circle")
 UNSEEN_SHAPES = ("ring", "hexagon", "heart")
-"""Of CLIPort's kitting shapes those that are no letters, and that a jaw can hold. The jaw slips off a triangle; a star it
-holds only at its arms."""
+"""Those of CLIPort's kitting shapes that are no letters, and that a jaw can hold by their middle. It cannot hold a
+triangle, and a star only by its arms."""
 GRASP_YAWS = {"diamond": math.pi / 4, "pentagon": math.pi / 2, "hexagon": math.pi / 2, "heart": math.pi / 2}
-"""Yaw (radians) of the expert's jaw in the frame of a shape whose sides do not lie along its axes, or that is wider along
-x. For the other shapes it is 0."""
+"""The yaw (radians) of the expert's jaw in the frame of a shape that a jaw along the shape's axes does not hold best.
+For the other shapes it is 0."""
 PIECE_SCALE = 0.45
 """The size of a piece as a multiple of CLIPort's: up to 34 mm long. A square of 27 mm leaves the jaw some room."""
 IN_BOWL = PoseMetric(SCALE * put_block_in_bowl.TOLERANCE)

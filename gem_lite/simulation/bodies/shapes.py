@@ -253,13 +253,13 @@ def add_box(
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
-    parts = [Part("", _box_mesh(size))]
+    parts = [Part("", box_mesh(size))]
     return create_body(client, collision, visual, pose, half[2], mass, movable, friction, parts=parts)
 
 
 @lru_cache(maxsize=256)
-def _box_mesh(size: tuple[float, float, float]) -> trimesh.Trimesh:
-    """A box on z = 0."""
+def box_mesh(size: tuple[float, float, float]) -> trimesh.Trimesh:
+    """A box of ``size`` (x, y, z metres) that rests on z = 0."""
     return moved(trimesh.creation.box(size), 0, 0, size[2] / 2)
 
 

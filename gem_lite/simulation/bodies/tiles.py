@@ -13,8 +13,8 @@ from shapely import Polygon, affinity, box, union_all
 from shapely.geometry.base import BaseGeometry as Area
 
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import Body, create_body, create_visual, letter_outline
+from gem_lite.simulation.bodies.parts import RGBA, Part
+from gem_lite.simulation.bodies.shapes import Body, box_mesh, create_body, create_visual, letter_outline
 from gem_lite.simulation.bodies.solids import join, slab
 
 LETTERS = tuple(f"letter {letter}" for letter in ascii_uppercase)
@@ -72,7 +72,8 @@ def add_printed(
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     visuals = [create_visual(client, mesh, rgba, lower=0.0) for mesh, rgba in zip(meshes, inks, strict=True)]
-    return create_body(client, collision, visuals, pose, half[2], mass, movable)
+    parts = [Part("", box_mesh(size))]
+    return create_body(client, collision, visuals, pose, half[2], mass, movable, parts=parts)
 
 
 def upper_face(area: Area, z: float) -> trimesh.Trimesh:
