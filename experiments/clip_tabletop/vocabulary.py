@@ -33,8 +33,8 @@ COLORS: dict[str, tuple[str, ...]] = {
 
 RGB: dict[str, tuple[int, int, int]] = {
     **colors.RGB,
+    "black": (18, 18, 18),
     **colors.OTHERS,
-    "light brown": (234, 175, 143),
     "dark brown": (78, 58, 47),
 }
 

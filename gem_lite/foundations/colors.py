@@ -18,9 +18,9 @@ RGB: dict[str, tuple[int, int, int]] = {
 """The colours of the bodies, 0-255. Distractors take them in this order."""
 
 OTHERS: dict[str, tuple[int, int, int]] = {
-    "black": (18, 18, 18),
     "lime": (165, 235, 45),
     "magenta": (205, 35, 150),
+    "light brown": (234, 175, 143),
 }
 """Colours that no body of a task has by chance. The embedded CLIP knows their names, too."""
 
