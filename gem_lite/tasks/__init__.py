@@ -10,6 +10,7 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     packing_box_pairs,
     packing_objects,
     packing_shapes,
+    pick_object_part,
     put_beside,
     put_block_in_bowl,
     separating_piles,
