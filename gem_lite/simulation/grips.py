@@ -93,7 +93,7 @@ class Surfaces:
         return cls(np.concatenate(points), np.concatenate(normals), np.concatenate(owners), tuple(parts))
 
     def around(self, points: np.ndarray) -> Surfaces:
-        """The surfaces that a jaw can meet whose middle is at one of some points (N, 2) (m): the test is then faster."""
+        """The surfaces that a jaw can meet whose middle is at one of some ``points`` (N, 2) (m): fewer, so faster."""
         near = np.ones(len(self.points), bool)
         for axis in (0, 1):
             near &= self.points[:, axis] >= points[:, axis].min() - REACH

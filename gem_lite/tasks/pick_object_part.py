@@ -70,9 +70,9 @@ class PickObjectPart(Task):
     """A brown box, an object of which the sentence names a part, and up to two others of other names.
 
     An episode names each part of each object once, in random order. After each act, the scene is taken away and another
-    is laid out, with other objects at other poses. So a part that was missed is not asked for again. An object without a
-    free place is left out. `SEEN` objects have 20 parts; the "unseen" variant shows `UNSEEN` ones in validation and
-    test, with 10 parts.
+    is laid out, with other objects at other poses. So a part that was missed is not asked for again. An object without
+    a free place is left out. `SEEN` objects have 20 parts; the "unseen" variant shows `UNSEEN` ones in validation and
+    test, with 10 parts. The tool must say what it gripped, as `ParallelJaw` does.
     """
 
     workspace = real_table.WORKSPACE
