@@ -21,8 +21,10 @@ from gem_lite.simulation.bodies.shapes import Body
 
 OPENINGS = (0.035, 0.025, 0.015)
 """The jaw opens as wide as it has room (m); the widest comes first."""
-FINGER = (0.003, 0.008)
+FINGER = (0.003, 0.005)
 """Thickness (along y) and width (along x) of a finger (m)."""
+REACH = math.hypot(OPENINGS[0] / 2 + FINGER[0], FINGER[1] / 2)
+"""No point of the open jaw is farther (m) from its middle, seen from above."""
 DEPTH = 0.012
 """The fingers go so far (m) below the highest point between them, but not below the table."""
 CONE = math.radians(25)
@@ -90,13 +92,20 @@ class Surfaces:
                 parts.append((body, part.name))
         return cls(np.concatenate(points), np.concatenate(normals), np.concatenate(owners), tuple(parts))
 
+    def around(self, points: np.ndarray) -> Surfaces:
+        """The surfaces that a jaw can meet whose middle is at one of some ``points`` (N, 2) (m): fewer, so faster."""
+        near = np.ones(len(self.points), bool)
+        for axis in (0, 1):
+            near &= self.points[:, axis] >= points[:, axis].min() - REACH
+            near &= self.points[:, axis] <= points[:, axis].max() + REACH
+        return Surfaces(self.points[near], self.normals[near], self.owners[near], self.parts)
+
     def grip(self, pose: Pose2) -> Grip | None:
         """What a jaw at a pose in the world holds, opened as wide as it has room; None if it holds nothing."""
-        reach = math.hypot(OPENINGS[0] / 2 + FINGER[0], FINGER[1] / 2)
-        near = np.hypot(self.points[:, 0] - pose.x, self.points[:, 1] - pose.y) <= reach
+        near = (np.abs(self.points[:, 0] - pose.x) <= REACH) & (np.abs(self.points[:, 1] - pose.y) <= REACH)
         turn = np.array([[math.cos(pose.yaw), -math.sin(pose.yaw)], [math.sin(pose.yaw), math.cos(pose.yaw)]])
         below = np.abs((self.points[near, :2] - (pose.x, pose.y)) @ turn[:, 0]) <= FINGER[1] / 2
-        near[near] = below
+        near[near] = below  # The jaw's own rectangle.
         points = self.points[near]
         across = (points[:, :2] - (pose.x, pose.y)) @ turn[:, 1]
         facing = self.normals[near, :2] @ turn[:, 1]

@@ -35,8 +35,8 @@ AROUND_A_SMALL_TABLE: tuple[Camera, ...] = tuple(
 )
 """The same three, twice as far from the middle of a table that is 1 m long.
 
-Such cameras cannot come near: round a table that is 0.29 m long, the top one is 0.52 m and the others 0.60 m from its
-middle. Their pictures show it as finely as those of `AZURE_AND_D455` show things that are twice as large.
+Such cameras measure no depth from near: round a table that is 0.29 m long, the top one is 0.52 m and the others 0.60 m
+from its middle. There, a thing of half the size has nearly as many pixels.
 """
 
 

@@ -12,6 +12,7 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     packing_box_pairs,
     packing_objects,
     packing_shapes,
+    pick_object_part,
     pick_shapes_in_bowl,
     put_beside,
     put_block_in_bowl,
@@ -38,9 +39,10 @@ PAPER = (
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
 REAL_TABLE = (
     "arrange-letter-to-word-seen", "arrange-letter-to-word-unseen", "block-stacking-pyramid-seen",
-    "block-stacking-pyramid-unseen", "pick-shapes-in-bowl-seen", "pick-shapes-in-bowl-unseen",
+    "block-stacking-pyramid-unseen", "pick-object-part-in-brown-box-seen", "pick-object-part-in-brown-box-unseen",
+    "pick-shapes-in-bowl-seen", "pick-shapes-in-bowl-unseen",
 )  # fmt: skip
-"""The paper's tasks on real tables (A.11), in simulation."""
+"""The paper's four tasks on real tables (A.11), seen and unseen, in simulation."""
 
 SEED_START: dict[Split, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
 """Episode i of a split has the seed SEED_START[split] + i. The ranges of the splits do not overlap."""
