@@ -14,7 +14,7 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks import put_block_in_bowl
-from gem_lite.tasks.goals import Goal, PoseMetric
+from gem_lite.tasks.goals import MIDDLE, Goal, PoseMetric
 from gem_lite.tasks.packing_shapes import ROUND, TURNS
 from gem_lite.tasks.real_table import AREA, GAP, SCALE, WORKSPACE
 from gem_lite.tasks.registry import register
@@ -25,9 +25,11 @@ SHAPES = ("square", "plus", "diamond", "pentagon", "rectangle", "flower", "circl
 UNSEEN_SHAPES = ("ring", "hexagon", "heart")
 """Those of CLIPort's kitting shapes that are no letters, and that a jaw can hold by their middle. It cannot hold a
 triangle, and a star only by its arms."""
-GRASP_YAWS = {"diamond": math.pi / 4, "pentagon": math.pi / 2, "hexagon": math.pi / 2, "heart": math.pi / 2}
-"""The yaw (radians) of the expert's jaw in the frame of a shape that a jaw along the shape's axes does not hold best.
-For the other shapes it is 0."""
+GRASPS = {
+    "diamond": Pose2(0.0, 0.0, math.pi / 4), "pentagon": Pose2(0.0, 0.0, math.pi / 2),
+    "hexagon": Pose2(0.0, 0.0, math.pi / 2), "heart": Pose2(0.0, 0.0035, math.pi / 2),
+}  # fmt: skip
+"""The expert's grasp in the frame of a shape, where it is not the shape's own pose."""
 PIECE_SCALE = 0.45
 """The size of a piece as a multiple of CLIPort's: up to 34 mm long. A square of 27 mm leaves the jaw some room."""
 IN_BOWL = PoseMetric(SCALE * put_block_in_bowl.TOLERANCE)
@@ -41,7 +43,7 @@ def piece_mesh(shape: str) -> trimesh.Trimesh:
 
 
 def grasp_symmetry(shape: str) -> float:
-    """The smallest turn (radians) of a jaw about a shape's centre that does not change the grasp; 0 for a round shape.
+    """The smallest turn (radians) of a jaw on a shape that does not change the grasp; 0 for a round shape.
 
     Half a turn of a jaw changes nothing, nor does a turn after which the shape looks the same.
     """
@@ -79,5 +81,5 @@ class PickShapesInBowl(Task):
             piece = shapes.add_mesh(environment.client, mesh, colors.rgba(of_piece), pose, mass=0.01)
             pieces.append(self.put(environment, piece, f"{of_piece} {shape}"))
         sentence = f"pick the {color} {named} and place into {of_bowls[0]} bowl"
-        grasp = Pose2(0.0, 0.0, GRASP_YAWS.get(named, 0.0))
+        grasp = GRASPS.get(named, MIDDLE)
         return [Goal(sentence, (pieces[0],), (bowls[0],), IN_BOWL, grasp=grasp, grasp_symmetry=grasp_symmetry(named))]
