@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from gem_lite.se2 import CELLS_MULTIPLE, LONGEST_SIDE, Workspace
 
@@ -72,15 +75,16 @@ RADIUS = number(0, LONGEST_SIDE)
 """A distance on a table (m), or 0."""
 
 
-def entry(default: T, allowed: Allowed, *, added: bool = False) -> T:
+def entry(default: T, allowed: Allowed, *, added: bool = False, grows: bool = False) -> T:
     """An entry of a configuration, as the default of a dataclass's field.
 
     Args:
         allowed: what it may be.
         added: whether it is younger than some stored rows. Then it is left out of `InputConfig.as_dict` while it has
             its default, so that configurations, and what is named after them, stay what they were.
+        grows: whether it is a size of things, in metres, or in cells if it is a whole number (`Config.for_table`).
     """
-    return field(default=default, metadata={"allowed": allowed, "added": added})
+    return field(default=default, metadata={"allowed": allowed, "added": added, "grows": grows})
 
 
 class Ablation(NamedTuple):
@@ -226,7 +230,7 @@ class Config(InputConfig):
 
     name: str = entry("lite", TEXT)
     angles: int = entry(36, COUNT)
-    empty_radius: float = entry(0.0125, RADIUS)
+    empty_radius: float = entry(0.0125, RADIUS, grows=True)
     joint_picks: int = entry(1, COUNT, added=True)
     turn: bool = entry(True, FLAG)
     steps: int = entry(1500, COUNT)
@@ -278,7 +282,35 @@ class Config(InputConfig):
         ablations = tuple(known for known in self.ABLATIONS if known in (*self.ablations, ending))
         return replace(self, **changes, ablations=ablations)
 
+    def for_table(self, limits: tuple[float, float, float, float], scale: float = 1.0) -> Self:
+        """This configuration for another table, covered by as many pixels along y.
+
+        Args:
+            limits: x_min, x_max, y_min, y_max (m) of the table.
+            scale: the size of the things on it, as a multiple of CLIPort's. Every entry that `grows` becomes the
+                nearest allowed value in proportion, except those that an ablation has set.
+        """
+        table = self.on_table(limits[3] - limits[2])
+        usual = table.workspace
+        if scale == 1 and np.allclose((usual.x_min, usual.x_max, usual.y_min, usual.y_max), limits):
+            return table
+        kept = {key for ending in self.ablations for key in self.ablation(ending).changes}
+        in_cells = scale * self.pixel / table.pixel
+        sizes: dict[str, Any] = {}
+        for setting in fields(self):
+            if setting.metadata.get("grows") and setting.name not in kept:
+                value = getattr(self, setting.name)
+                sizes[setting.name] = value * scale
+                if isinstance(value, int):
+                    sizes[setting.name] = _nearest_allowed(value * in_cells, setting.metadata["allowed"])
+        return replace(self, rectangle=limits, pixel=table.pixel, **sizes)
+
     @property
     def digest(self) -> str:
         """Twelve hexadecimal digits that stand for every entry: SHA-256 of `as_dict` as JSON with sorted keys."""
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _nearest_allowed(size: float, allowed: Allowed) -> int:
+    """The whole number nearest to ``size`` that is allowed."""
+    return min(filter(allowed.holds, range(1, 2 * math.ceil(size) + 32)), key=lambda value: abs(value - size))

@@ -44,6 +44,7 @@ def lay_out(world, name, index=0, split="val"):
 def layout(world, name, split, index):
     """The task after laying out an episode that nothing has simulated since."""
     task = tasks.make(name, split)
+    world.workspace = task.workspace
     world.clear()
     seed = tasks.episode_seed(split, index)
     task.reset(world, np.random.default_rng(seed), seed)

@@ -117,7 +117,7 @@ def test_what_is_not_understood_is_named(instruction, leftover):
 
 
 TASK_SENTENCE = re.compile(
-    r"(align|pack|pick|put|push|move) (all the |the )?(?P<pick>.+?) (and place into|from|in|into|on|to) "
+    r"(align|pack|pick|put|push|move) (all the |the )?(?P<pick>.+?) (and place into|and place on|from|in|into|on|to) "
     r"(the |a )?(?P<place>.+)"
 )
 """The words of a task's sentence between its verb, its preposition and their articles."""
@@ -129,8 +129,8 @@ def assert_read_as_written(sentence):
     queries = parse(sentence)
     assert queries == Queries(written["pick"], written["place"], push=sentence.startswith("push"))
     for phrase in (written["pick"], written["place"]):
-        both = re.fullmatch(r"(\w+) and (\w+) blocks", phrase)
-        assert conjuncts(phrase) == ((f"{both[1]} blocks", f"{both[2]} blocks") if both else (phrase,))
+        both = re.fullmatch(r"(\w+) and (\w+) (blocks?)", phrase)
+        assert conjuncts(phrase) == ((f"{both[1]} {both[3]}", f"{both[2]} {both[3]}") if both else (phrase,))
         first, second, *_ = [*phrase.split(), ""]
         located = first in ("left", "right", "top", "bottom", "middle") and second != "of"
         assert split_location(phrase)[0] == (first if located else None)

@@ -93,9 +93,10 @@ def check_the_pyramid(task, played):
 
 SPECIAL = {ROPE: check_the_rope, HANOI: check_the_tower, PYRAMID: check_the_pyramid}
 TWINS = (
-    "separating-piles-unseen-colors", "towers-of-hanoi-seq-seen-colors", "stack-block-pyramid-seq-unseen-colors"
+    "separating-piles-unseen-colors", "towers-of-hanoi-seq-seen-colors", "stack-block-pyramid-seq-unseen-colors",
+    "pick-object-part-in-brown-box-seen", "arrange-letter-to-word-seen", "block-stacking-pyramid-unseen",
 )  # fmt: skip
-"""They differ from a task that is played in their colours alone."""
+"""They differ from a task that is played in their colours or objects alone."""
 
 
 @pytest.mark.parametrize("name", ONE_TABLE)

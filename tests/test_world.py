@@ -140,7 +140,7 @@ def pushing(blind, stage, monkeypatch):
 
 
 def test_effectors_are_found_by_name():
-    assert effectors.EFFECTORS.names() == ("suction", "low-suction", "jaw", "spatula")
+    assert effectors.EFFECTORS.names() == ("suction", "low-suction", "jaw", "parallel-jaw", "spatula")
     with World() as fresh, pytest.raises(ValueError, match="no end effector is named 'spoon'; the nearest names: "):
         fresh.clear("spoon")
 

@@ -33,6 +33,7 @@ from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import effectors, looks
 from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.put_block_in_bowl import PutBlockInBowl
@@ -79,8 +80,9 @@ class Arm:
             p.stepSimulation(**self.common)
         self.log(GripperState(x, y, 0.0, self.held is not None))
 
-    def pick(self, pose: Pose2, movable: set[int]) -> bool:
+    def pick(self, pose: Pose2, bodies: Sequence[Body]) -> bool:
         self.move(pose.x, pose.y, 0.2)
+        movable = {body.id for body in bodies if body.movable}
         for height in np.linspace(0.2, 0.0, 40):
             self.move(pose.x, pose.y, height, steps=10)
             for body in {contact[2] for contact in p.getContactPoints(self.id, **self.common)} & movable:

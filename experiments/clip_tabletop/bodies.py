@@ -12,9 +12,9 @@ import pybullet as p
 import pybullet_data
 import trimesh
 
-from experiments.clip_tabletop import basic_solids, tiles, vocabulary
+from experiments.clip_tabletop import basic_solids, printed, vocabulary
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import objects, shapes
+from gem_lite.simulation.bodies import objects, shapes, tiles
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.tasks import object_sorting
 from gem_lite.tasks.spawn import FreeSpace
@@ -164,10 +164,10 @@ def add(build: Builder, noun: str, color: tuple[float, ...], pose: Pose2) -> int
     if noun in vocabulary.BOXES:
         return object_sorting.add_symbol_box(client, noun.removesuffix(" box"), pose).id
     if noun in tiles.TILES:
-        return tiles.add_tile(client, noun, color, pose).id
+        return printed.add_tile(client, noun, color, pose).id
     if noun in vocabulary.TEXTURED:
         texture, thing = noun.split()
-        add = tiles.add_towel if thing == "towel" else tiles.add_textured_block
+        add = printed.add_towel if thing == "towel" else printed.add_textured_block
         return add(client, texture, color, pose).id
     if noun in objects.NAMES:
         first = 0 if build.kind == "training" else TEST_VARIANTS

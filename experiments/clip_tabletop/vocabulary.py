@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.clip_tabletop import basic_solids, tiles
+from experiments.clip_tabletop import basic_solids, printed
 from gem_lite.foundations import colors
-from gem_lite.simulation.bodies import objects, shapes
+from gem_lite.simulation.bodies import objects, shapes, tiles
 from gem_lite.tasks import align_rope, object_sorting
 
 COLORS: dict[str, tuple[str, ...]] = {
@@ -34,9 +34,7 @@ COLORS: dict[str, tuple[str, ...]] = {
 RGB: dict[str, tuple[int, int, int]] = {
     **colors.RGB,
     "black": (18, 18, 18),
-    "lime": (165, 235, 45),
-    "magenta": (205, 35, 150),
-    "light brown": (234, 175, 143),
+    **colors.OTHERS,
     "dark brown": (78, 58, 47),
 }
 
@@ -112,7 +110,7 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "side": ("side of the stand", "end of the stand"),
 }
 
-TEXTURED = tuple(f"{texture} {thing}" for thing in ("block", "towel") for texture in tiles.TEXTURES)
+TEXTURED = tuple(f"{texture} {thing}" for thing in ("block", "towel") for texture in printed.TEXTURES)
 PIECES = shapes.SEEN_SHAPES + shapes.UNSEEN_SHAPES
 SHAPES: dict[str, tuple[str, ...]] = {
     name: (name, *_SYNONYMS.get(name, ()))

@@ -39,7 +39,7 @@ class Manifest(Form):
     """The file manifest.json.
 
     A collection has ``start`` and ``next``, the indices of its first and next episode, and ``workspace``: x_min, x_max,
-    y_min, y_max (m) of its table.
+    y_min, y_max (m) of its table. ``scale`` is the size of its things, as a multiple of CLIPort's.
     """
 
     version: Literal[3, 4] = Field(alias="schema")
@@ -49,6 +49,7 @@ class Manifest(Form):
     start: Whole | None = None
     next: Whole | None = None
     workspace: tuple[float, float, float, float] | None = None
+    scale: float = Field(default=1.0, gt=0)
     files: dict[Annotated[str, Field(pattern=_EPISODE)], Annotated[str, Field(pattern=_SHA256)]] = Field(min_length=1)
 
     @model_validator(mode="after")

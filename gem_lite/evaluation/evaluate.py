@@ -62,7 +62,9 @@ class Measurement:
     @property
     def config(self) -> Config:
         """The preset on the task's table."""
-        return Config.preset(self.preset).on_table(tasks.make(self.task, self.split).workspace.length)
+        task = tasks.make(self.task, self.split)
+        w = task.workspace
+        return Config.preset(self.preset).for_table((w.x_min, w.x_max, w.y_min, w.y_max), task.scale)
 
     @property
     def parts(self) -> list[list[int]]:

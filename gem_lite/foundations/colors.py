@@ -17,6 +17,13 @@ RGB: dict[str, tuple[int, int, int]] = {
 }
 """The colours of the bodies, 0-255. Distractors take them in this order."""
 
+OTHERS: dict[str, tuple[int, int, int]] = {
+    "lime": (165, 235, 45),
+    "magenta": (205, 35, 150),
+    "light brown": (234, 175, 143),
+}
+"""Colours that no body of a task has by chance. The embedded CLIP knows their names, too."""
+
 SEEN: tuple[str, ...] = ("blue", "red", "green", "yellow", "brown", "gray", "cyan")
 UNSEEN: tuple[str, ...] = ("blue", "red", "green", "orange", "purple", "pink", "white")
 NEW: tuple[str, ...] = tuple(name for name in UNSEEN if name not in SEEN)
@@ -27,6 +34,6 @@ TABLE = (51, 51, 51)
 
 
 def rgba(name: str) -> tuple[float, float, float, float]:
-    """The RGBA of a named colour in [0, 1], as PyBullet needs it."""
-    r, g, b = RGB[name]
+    """The RGBA of a named colour, of `RGB` or `OTHERS`, in [0, 1], as PyBullet needs it."""
+    r, g, b = (RGB | OTHERS)[name]
     return r / 255, g / 255, b / 255, 1.0

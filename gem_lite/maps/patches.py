@@ -30,8 +30,8 @@ class PatchConfig(InputConfig):
 
     patch: int = entry(20, COUNT)
     stride: int = entry(10, COUNT)
-    top_patch: float = entry(0.125, LENGTH)
-    top_stride: float = entry(0.0625, LENGTH)
+    top_patch: float = entry(0.125, LENGTH, grows=True)
+    top_stride: float = entry(0.0625, LENGTH, grows=True)
 
 
 @dataclass(frozen=True)

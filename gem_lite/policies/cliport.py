@@ -38,7 +38,7 @@ class FeatureConfig(InputConfig):
         skips: how many of CLIP's inner features join the semantic stream, from 0 to 3. CLIPort has 3.
     """
 
-    top_patch: float = entry(0.125, LENGTH)
+    top_patch: float = entry(0.125, LENGTH, grows=True)
     skips: int = entry(2, whole_number(0, 3), added=True)
 
 

@@ -108,15 +108,15 @@ class GemConfig(Config, MapConfig):
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
 
     peak_margin: float | None = entry(0.1, or_none(number(0, 10)))
-    peak_radius: float = entry(0.0125, RADIUS)
+    peak_radius: float = entry(0.0125, RADIUS, grows=True)
     drop_image_map: float = entry(0.3, number(0, 1))
     map_gain: tuple[float, float] = entry((0.5, 1.2), each(number(0, 10), 2))
     map_offset: float = entry(0.1, number(0, 10))
     recolor: bool = entry(True, FLAG)
     rotations: int = entry(180, COUNT)
     frequency: int = entry(8, whole_number(0))
-    kernel: int = entry(17, whole_number(1, odd=True))
-    crop: int = entry(17, whole_number(1, odd=True))
+    kernel: int = entry(17, whole_number(1, odd=True), grows=True)
+    crop: int = entry(17, whole_number(1, odd=True), grows=True)
     widths: tuple[int, ...] = entry((16, 24, 32, 48), each(COUNT, 4))
     kernel_widths: tuple[int, ...] = entry((32, 48, 64), each(COUNT, 3))
     fields: int = entry(6, COUNT)

@@ -76,7 +76,8 @@ class KeyQueryConfig(Config):
     widths: tuple[int, ...] = entry((16, 24, 32, 48), each(COUNT, 4))
     channels: int = entry(3, COUNT)
     query: int = entry(
-        15, Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15)
+        15, Allowed("one less than a multiple of 16", lambda value: COUNT.holds(value) and value % 16 == 15),
+        grows=True,
     )  # fmt: skip
     pick_angles: int | None = entry(None, or_none(COUNT), added=True)
     map_rules: bool = entry(False, FLAG, added=True)

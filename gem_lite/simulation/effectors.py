@@ -9,7 +9,7 @@ A task names its effector. A program outside the library registers its own in th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -19,6 +19,8 @@ from typing_extensions import override
 from gem_lite.actions import Action, GripperState, PickPlace, Push
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2, quaternion, wrap
+from gem_lite.simulation.bodies.shapes import Body
+from gem_lite.simulation.grips import FINGER, Grip, Surfaces
 
 RATE = 240
 """Simulation steps per second."""
@@ -77,8 +79,8 @@ class Effector(Protocol):
 
     def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None: ...
 
-    def pick(self, pose: Pose2, movable: set[int]) -> bool:
-        """Grasp one of the ``movable`` bodies at ``pose``. Returns whether a body is held."""
+    def pick(self, pose: Pose2, bodies: Sequence[Body]) -> bool:
+        """Grasp one of the movable ``bodies`` at ``pose``. Returns whether a body is held."""
 
     def place(self, pose: Pose2) -> None:
         """Put the held body at ``pose``."""
@@ -199,11 +201,11 @@ class Suction(FloatingTool):
     _hold: int | None = None
     """The constraint by which it holds a body."""
 
-    def pick(self, pose: Pose2, movable: set[int]) -> bool:
+    def pick(self, pose: Pose2, bodies: Sequence[Body]) -> bool:
         """Move above ``pose``, go down until the tip touches a body, grasp, lift. Returns whether a body is held."""
         self.carry(pose)
         touched = self._descend(lambda: self._touching(self.id, without=set()))
-        for body in touched & movable:
+        for body in touched & {body.id for body in bodies if body.movable}:
             if self.grasps(body):
                 self._attach(body)
                 break
@@ -283,6 +285,41 @@ class Jaw(Suction):
         across = abs(wrap(2 * jaw_in_bar.yaw) / 2) <= JAW_ANGLE
         near_middle = abs(jaw_in_bar.x) <= JAW_REACH * length
         return across and near_middle
+
+
+@EFFECTORS.register("parallel-jaw")
+class ParallelJaw(Suction):
+    """A parallel jaw for any body that has `Body.parts`: whether it holds one, the surfaces decide (`grips`).
+
+    Its fingers close along the tool's y axis; half a turn more is the same grasp. They push nothing aside: where a
+    finger would land on a body, the jaw stays above. A constraint carries the body, as for a suction cup.
+
+    Attributes:
+        grip: what the last pick took, also after it is released; None if it took nothing.
+    """
+
+    form = p.GEOM_BOX
+    half = (FINGER[1] / 2, FINGER[0], TIP_LENGTH / 2)
+
+    def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
+        super().__init__(client, parked, log)
+        self.grip: Grip | None = None
+        p.setCollisionFilterGroupMask(self.id, -1, 0, 0, physicsClientId=client)  # `grips` decides instead.
+
+    @override
+    def pick(self, pose: Pose2, bodies: Sequence[Body]) -> bool:
+        """Move above ``pose`` and, if the jaw can hold a body there, go down, grasp it, and rise."""
+        self.carry(pose)
+        self.grip = Surfaces.of(self._client, bodies).grip(pose)
+        if self.grip is not None:
+            self._move(np.array([pose.x, pose.y, self.grip.tip + self.half[2]]), self._yaw)
+            # Nothing touched the body, so it may sleep.
+            p.changeDynamics(
+                self.grip.body, -1, activationState=p.ACTIVATION_STATE_WAKE_UP, physicsClientId=self._client
+            )
+            self._attach(self.grip.body)
+        self._rise()
+        return self.held is not None
 
 
 @EFFECTORS.register("spatula")

@@ -242,7 +242,7 @@ class Environment(ABC):
     def _pick_and_place(self, action: PickPlace, watch: Watch) -> int | None:
         table_pose = self.reach(action.pick_table)
         self.trace.clear()
-        grasped = self.effector.pick(self.base @ (table_pose @ action.pick), self.movable)
+        grasped = self.effector.pick(self.base @ (table_pose @ action.pick), self.bodies)
         held = self.effector.held
         watch("picked")
         if grasped:
@@ -319,6 +319,12 @@ class Environment(ABC):
             )
         self.bodies.append(body)
         return body
+
+    def remove_bodies(self) -> None:
+        """Take all bodies of the task away, so that it can lay out another scene. Tables and tool stay."""
+        for body in self.bodies:
+            p.removeBody(body.id, physicsClientId=self.client)
+        self.bodies = []
 
     def _set_activation(self, state: int) -> None:
         for body in self.movable:

@@ -13,7 +13,7 @@ from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.sensor_errors import AZURE, AZURE_HARD, D455, D455_HARD, SensorErrors
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
-from gem_lite.simulation.rendering import AZURE_AND_D455, CAMERAS, LIGHT, STEADY, LampRange, Light
+from gem_lite.simulation.rendering import AROUND_A_SMALL_TABLE, AZURE_AND_D455, CAMERAS, LIGHT, STEADY, LampRange, Light
 
 FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
 TABLE_COLOR: RGBA = (*(c / 255 for c in colors.TABLE), 1.0)
@@ -82,8 +82,12 @@ KINECT = Look(
 KINECT_HARD = replace(
     KINECT, name="kinect-hard", lamp=LampRange(lean=1.0, strength=0.3), sensors=(AZURE_HARD, D455_HARD, D455_HARD)
 )
+REAL_TABLE = Look("real-table", cameras=AROUND_A_SMALL_TABLE)
+"""The paper's real table (A.11) with perfect pictures: `real_table.WORKSPACE`."""
+REAL_TABLE_KINECT = replace(KINECT, name="real-table-kinect", cameras=AROUND_A_SMALL_TABLE)
 WORLDS: Registry[Look] = Registry("world")
-"""Every world by its name. Demonstrations come from "home", "varied", "crowded" or "kinect"; the others only test."""
+"""Every world by its name. Demonstrations come from "home", "varied", "crowded" or "kinect"; those of
+the real tables from "real-table" or "real-table-kinect". The others only test."""
 
 
 def register(world: Look) -> Look:
@@ -114,5 +118,7 @@ for _world in (
     Look("bright-light", light=Light(ambient=0.8, diffuse=0.5)),
     KINECT,
     KINECT_HARD,
+    REAL_TABLE,
+    REAL_TABLE_KINECT,
 ):
     register(_world)

@@ -30,6 +30,14 @@ AZURE_AND_D455: tuple[Camera, ...] = (
 Sizes are those of the depth pictures (Azure: NFOV unbinned). Intrinsics: a D455's at 848 pixels from its field of view;
 an Azure's as its units have about. The height is a guess at which the top camera sees the table and what stands on it.
 """
+AROUND_A_SMALL_TABLE: tuple[Camera, ...] = tuple(
+    replace(camera, pose=as_pose(camera.rotation, 2 * camera.position - (0.5, 0.0, 0.0))) for camera in AZURE_AND_D455
+)
+"""The same three, twice as far from the middle of a table that is 1 m long.
+
+Such cameras measure no depth from near: round a table that is 0.29 m long, the top one is 0.52 m and the others 0.60 m
+from its middle. There, a thing of half the size has nearly as many pixels.
+"""
 
 
 def cameras_around(workspace: Workspace, cameras: Sequence[Camera] = CAMERAS) -> tuple[Camera, ...]:

@@ -3,13 +3,17 @@
 import gem_lite.simulation  # noqa: F401 (before the families: it imports PyBullet without its message)
 from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     align_rope,
+    arrange_letter_to_word,
     assembling_kits,
     bars_in_box,
     block_insertion,
+    block_stacking_pyramid,
     object_sorting,
     packing_box_pairs,
     packing_objects,
     packing_shapes,
+    pick_object_part,
+    pick_shapes_in_bowl,
     put_beside,
     put_block_in_bowl,
     separating_piles,
@@ -20,7 +24,8 @@ from gem_lite.tasks.registry import SPLITS, family, make, names, register, varia
 from gem_lite.tasks.task import Split, Task
 
 __all__ = [
-    "PAPER", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names", "register", "variants",
+    "PAPER", "REAL_TABLE", "SEED_START", "SPLITS", "Split", "Task", "episode_seed", "family", "make", "names",
+    "register", "variants",
 ]  # fmt: skip
 
 PAPER = (
@@ -32,6 +37,12 @@ PAPER = (
     "stack-block-pyramid-seq-unseen-colors", "towers-of-hanoi-seq-seen-colors", "towers-of-hanoi-seq-unseen-colors",
 )  # fmt: skip
 """The paper's eighteen tasks (A.10); its packing-unseen-shapes is our packing-shapes-unseen."""
+REAL_TABLE = (
+    "arrange-letter-to-word-seen", "arrange-letter-to-word-unseen", "block-stacking-pyramid-seen",
+    "block-stacking-pyramid-unseen", "pick-object-part-in-brown-box-seen", "pick-object-part-in-brown-box-unseen",
+    "pick-shapes-in-bowl-seen", "pick-shapes-in-bowl-unseen",
+)  # fmt: skip
+"""The paper's four tasks on real tables (A.11), seen and unseen, in simulation."""
 
 SEED_START: dict[Split, int] = {"train": 0, "val": 1_000_000, "test": 2_000_000}
 """Episode i of a split has the seed SEED_START[split] + i. The ranges of the splits do not overlap."""

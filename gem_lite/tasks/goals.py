@@ -52,6 +52,7 @@ class PoseMetric:
         yaw: the error of the yaw is less than this (radians).
         height: the height (m) that the body's origin should have; None (the default) if it is not scored.
         height_distance: the error of the height is less than this (m).
+        wrong_yaw: the share of a body whose yaw alone is wrong.
     """
 
     distance: float
@@ -59,15 +60,18 @@ class PoseMetric:
     yaw: float = math.radians(15)
     height: float | None = None
     height_distance: float = 0.01
+    wrong_yaw: float = 0.0
 
     def share(self, environment: Environment, body: Body, target: Target) -> float:
-        """1 if a body is at a target, else 0."""
+        """1 if a body is at a target, `wrong_yaw` if all but its yaw is right, else 0."""
         pose, z = environment.pose(body)
         offset = target_pose(environment, target).inverse() @ pose
         near = math.hypot(offset.x, offset.y) < self.distance
         right_height = self.height is None or abs(z - self.height) < self.height_distance
         right_yaw = angle_off(offset.yaw, self.symmetry) < self.yaw
-        return float(near and right_height and right_yaw)
+        if not (near and right_height):
+            return 0.0
+        return 1.0 if right_yaw else self.wrong_yaw
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def put_brown_box(
     """
     x, y = rng.uniform(*sides, 2).tolist()
     heights = environment.style.box_heights
-    height = heights[free.choose(len(heights))]
+    height = task.scale * heights[free.choose(len(heights))]
     pose = free.take(math.hypot(x, y) / 2)
     box = trays.add_container(environment.client, (x, y), colors.rgba("brown"), pose, height)
     return task.put(environment, box, "brown box"), ZoneMetric((x, y), height)

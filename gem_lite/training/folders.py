@@ -48,8 +48,8 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
     """The configuration for the tables of all demonstrations. Those of one's own table lie on the configuration's.
 
     Raises:
-        ValueError: demonstrations of our tasks with a rectangle or mixed with others, tables of other lengths, or a
-            manifest without its table; or see `check_recorded`.
+        ValueError: demonstrations of our tasks with a rectangle or mixed with others, different tables or sizes of
+            things, or a manifest without its table; or see `check_recorded`.
     """
     own = {part[0].world == OWN_WORLD for part in sets}
     if own == {True}:
@@ -60,23 +60,25 @@ def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:
         raise ValueError(
             "demonstrations of our tasks cannot have a rectangle, nor be mixed with those of another table"
         )
-    lengths = sorted({_table_length(part) for part in sets})
-    if len(lengths) > 1:
-        raise ValueError(f"the tasks of the folders must have equally long tables, got {lengths} m")
-    return settings.on_table(lengths[0])
+    tables = sorted({_table(part) for part in sets})
+    if len(tables) > 1:
+        raise ValueError(
+            "the tasks of the folders must have one table (x_min, x_max, y_min, y_max in m) and things of one scale, "
+            f"got {tables}"
+        )
+    return settings.for_table(*tables[0])
 
 
-def _table_length(demos: DemonstrationSet) -> float:
-    """The length (m) of the table on which demonstrations of our tasks lie, as their manifest says it."""
-    limits = demonstrations.read_manifest(demos.folder).workspace
-    if limits is None:
+def _table(demos: DemonstrationSet) -> tuple[tuple[float, float, float, float], float]:
+    """The limits (m) of the table of demonstrations of our tasks, and the scale of its things: of their manifest."""
+    manifest = demonstrations.read_manifest(demos.folder)
+    if manifest.workspace is None:
         raise ValueError(
             f'the manifest in {demos.folder} must have an entry "workspace": [x_min, x_max, y_min, y_max] (m), got '
             f"none: gem-lite collect {demos[0].task} {demos.folder} --episodes {len(demos)} --world {demos[0].world} "
             "adds it, and plays no episode again"
         )
-    _, _, y_min, y_max = limits
-    return y_max - y_min
+    return manifest.workspace, manifest.scale
 
 
 def check_recorded(demos: DemonstrationSet, settings: Config) -> None:

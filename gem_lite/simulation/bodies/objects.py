@@ -7,6 +7,7 @@ most about 0.11 m long.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -38,20 +39,25 @@ _MAKERS = vars(animals) | vars(food) | vars(home) | vars(tools) | vars(toys)
 
 
 @cache
-def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
+def parts(name: str, variant: int = 0, scale: float = 1.0) -> tuple[Part, ...]:
     """The parts of an object, in one frame: centred in x and y, resting on z = 0.
 
     Args:
         name: one of `NAMES`.
         variant: the number of the variant, at least 0; see `TRAINING_VARIANTS`.
+        scale: its size as a multiple of the usual one.
 
     Raises:
-        ValueError: the name is unknown, or the variant is negative.
+        ValueError: the name is unknown, the variant is negative, or the scale is not above 0.
     """
     if name not in NAMES:
         raise ValueError(f"no object is named {name!r}; the names are {', '.join(NAMES)}")
     if variant < 0:
         raise ValueError(f"variant must be at least 0, got {variant}")
+    if not scale > 0:
+        raise ValueError(f"scale must be above 0, got {scale}")
+    if scale != 1:
+        return tuple(replace(part, mesh=part.mesh.copy().apply_scale(scale)) for part in parts(name, variant))
     rng = np.random.default_rng((NAMES.index(name), variant))
     pieces = _MAKERS["_" + name.replace(" ", "_")](lambda: float(rng.uniform(0.82, 1.18)))
     low, high = join(*[part.mesh for part in pieces]).bounds
@@ -62,9 +68,9 @@ def parts(name: str, variant: int = 0) -> tuple[Part, ...]:
 
 
 @cache
-def extents(name: str, variant: int = 0) -> tuple[float, float, float]:
+def extents(name: str, variant: int = 0, scale: float = 1.0) -> tuple[float, float, float]:
     """The sides (m) of an object's bounding box in its own frame. Raises ValueError as `parts`."""
-    x, y, z = join(*[part.mesh for part in parts(name, variant)]).extents.tolist()
+    x, y, z = join(*[part.mesh for part in parts(name, variant, scale)]).extents.tolist()
     return x, y, z
 
 
@@ -73,10 +79,12 @@ def part_names(name: str) -> tuple[str, ...]:
     return tuple(part.name for part in parts(name) if part.name)
 
 
-def add_object(client: int, name: str, color: RGBA, pose: Pose2, variant: int = 0, movable: bool = True) -> Body:
+def add_object(
+    client: int, name: str, color: RGBA, pose: Pose2, variant: int = 0, movable: bool = True, scale: float = 1.0
+) -> Body:  # fmt: skip
     """Put an object on the table. The first part is the body's base; part i is its link i - 1.
 
     Its contact shape is the convex hull of all parts.
     """
-    colored = [(part.mesh, part.rgba or color) for part in parts(name, variant)]
-    return add_hull(client, join(*[mesh for mesh, _ in colored]), colored, pose, 0.03, movable)
+    colored = [replace(part, rgba=part.rgba or color) for part in parts(name, variant, scale)]
+    return add_hull(client, join(*[part.mesh for part in colored]), colored, pose, 0.03, movable)

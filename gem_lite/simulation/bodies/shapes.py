@@ -6,7 +6,7 @@ Every body's origin is its centre in x and y; its lowest point is at z = 0 of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 
 import numpy as np
@@ -17,6 +17,7 @@ from matplotlib.textpath import TextPath
 from shapely import Polygon, affinity, box, union_all
 
 from gem_lite.se2 import Pose2, quaternion
+from gem_lite.simulation.bodies.parts import Part
 from gem_lite.simulation.bodies.solids import join, moved
 
 Bounds = Sequence[Sequence[Sequence[float]]] | np.ndarray
@@ -40,6 +41,11 @@ class BowlProfile:
     wall: float = 0.006
     floor: float = 0.01
     bend: float = 1.0
+
+    def scaled(self, factor: float) -> BowlProfile:
+        """The outline of a similar bowl, whose lengths are multiplied by ``factor``."""
+        lengths = (self.rim, self.base, self.height, self.wall, self.floor)
+        return BowlProfile(*[factor * length for length in lengths], bend=self.bend)
 
 
 BOWL = BowlProfile()
@@ -138,11 +144,20 @@ def l_block_mesh() -> trimesh.Trimesh:
 
 @dataclass(frozen=True)
 class Body:
-    """A body on the table: its PyBullet id, the height of its origin when it rests, and whether it moves."""
+    """A body on the table.
+
+    Attributes:
+        id: of PyBullet.
+        rest_height: the height (m) of its origin when it rests.
+        movable: whether it moves.
+        parts: what it is made of, for tools that grasp by geometry. Their z = 0 lies ``rest_height`` below its origin.
+            A body without parts has no surface for such a tool.
+    """
 
     id: int
     rest_height: float
     movable: bool
+    parts: tuple[Part, ...] = field(default=(), compare=False, repr=False)
 
 
 @lru_cache(maxsize=256)
@@ -167,11 +182,12 @@ def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], 
 
 def create_body(
     client: int, collision: int, visuals: int | Sequence[int], pose: Pose2, z: float, mass: float, movable: bool,
-    friction: float = 1.0, rolling: float = 1e-4,
+    friction: float = 1.0, rolling: float = 1e-4, parts: Sequence[Part] = (),
 ) -> Body:  # fmt: skip
     """Put PyBullet's shapes on the table as one body, its origin at height ``z`` (metres).
 
-    The first visual shape is the body's base, the others are its links, in the same frame.
+    The first visual shape is the body's base, the others are its links, in the same frame. ``parts`` is what they show,
+    see `Body`.
     """
     base, *others = [visuals] if isinstance(visuals, int) else visuals
     links = len(others)
@@ -194,7 +210,7 @@ def create_body(
         physicsClientId=client,
     )
     p.changeDynamics(body, -1, lateralFriction=friction, rollingFriction=rolling, physicsClientId=client)
-    return Body(body, z, movable)
+    return Body(body, z, movable, tuple(parts))
 
 
 def add_print(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], pose: Pose2, lower: float = 0.0) -> Body:
@@ -237,7 +253,14 @@ def add_box(
     half = [side / 2 for side in size]
     collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     visual = p.createVisualShape(p.GEOM_BOX, halfExtents=half, rgbaColor=color, physicsClientId=client)
-    return create_body(client, collision, visual, pose, half[2], mass, movable, friction)
+    parts = [Part("", box_mesh(size))]
+    return create_body(client, collision, visual, pose, half[2], mass, movable, friction, parts=parts)
+
+
+@lru_cache(maxsize=256)
+def box_mesh(size: tuple[float, float, float]) -> trimesh.Trimesh:
+    """A box of ``size`` (x, y, z metres) that rests on z = 0."""
+    return moved(trimesh.creation.box(size), 0, 0, size[2] / 2)
 
 
 def add_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
@@ -250,26 +273,27 @@ def add_mesh(
     mass: float = 0.02, movable: bool = True,
 ) -> Body:  # fmt: skip
     """A mesh whose contact shape is its convex hull; it rests on the table at ``pose``."""
-    return add_hull(client, mesh, [(mesh, color)], pose, mass, movable)
+    return add_hull(client, mesh, [Part("", mesh, color)], pose, mass, movable)
 
 
 def add_hull(
-    client: int, whole: trimesh.Trimesh, colored: Sequence[tuple[trimesh.Trimesh, tuple[float, ...]]], pose: Pose2,
-    mass: float, movable: bool,
+    client: int, whole: trimesh.Trimesh, parts: Sequence[Part], pose: Pose2, mass: float, movable: bool
 ) -> Body:  # fmt: skip
-    """Meshes with their RGBA, as one body. Its contact shape is the convex hull of the ``whole``."""
+    """Coloured parts as one body. Its contact shape is the convex hull of the ``whole``."""
     lower = whole.extents[2] / 2
     hull = whole.convex_hull.vertices - [0, 0, lower]
-    visuals = [create_visual(client, mesh, color, lower) for mesh, color in colored]
+    visuals = [create_visual(client, part.mesh, part.rgba, lower) for part in parts]
     collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
-    return create_body(client, collision, visuals, pose, lower, mass, movable)
+    return create_body(client, collision, visuals, pose, lower, mass, movable, parts=parts)
 
 
 def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     """The L-block of `l_block_mesh`. Its contact shape is two boxes, so other bodies can enter its notch."""
     half = [[0.05, 0.02, 0.02], [0.02, 0.03, 0.02]]
     collision = collide_boxes(client, half, [[0, -0.03, 0], [-0.03, 0.02, 0]])
-    return create_body(client, collision, create_visual(client, l_block_mesh(), color, 0.02), pose, 0.02, 0.03, True)
+    visual = create_visual(client, l_block_mesh(), color, 0.02)
+    parts = [Part("", l_block_mesh())]
+    return create_body(client, collision, visual, pose, 0.02, 0.03, True, parts=parts)
 
 
 def add_bowl(
@@ -293,4 +317,5 @@ def add_bowl(
     turns.append([0, 0, 0, 1])
     collision = collide_boxes(client, half, positions, turns)
     visual = create_visual(client, bowl_mesh(profile), color, profile.height / 2)
-    return create_body(client, collision, visual, pose, profile.height / 2, 0.1, movable)
+    parts = [Part("", bowl_mesh(profile))]
+    return create_body(client, collision, visual, pose, profile.height / 2, 0.1, movable, parts=parts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gem_lite.se2 import Pose2
+from gem_lite.simulation.bodies.parts import Part
 from gem_lite.simulation.bodies.shapes import Body, create_body, create_boxes, create_visual
 
 WALL = 0.002
@@ -61,4 +62,5 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
 def _add_boxes(client: int, boxes: Sequence[Box], color: tuple[float, ...], pose: Pose2) -> Body:
     collision, mesh, lower = create_boxes(client, boxes)
     visual = create_visual(client, mesh, color, lower)
-    return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)
+    parts = [Part("", mesh)]
+    return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION, parts=parts)

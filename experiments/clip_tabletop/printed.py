@@ -2,55 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from string import ascii_uppercase, digits
 
 import numpy as np
-import pybullet as p
 import trimesh
-from shapely import Polygon, affinity, box, union_all
+from shapely import Polygon, box, union_all
 from shapely.geometry.base import BaseGeometry as Area
 
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body, create_body, create_visual, letter_outline
-from gem_lite.simulation.bodies.solids import join, slab
+from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body
+from gem_lite.simulation.bodies.solids import join
+from gem_lite.simulation.bodies.tiles import SUNK, TILE_SIZE, add_printed, ink_on, printed_plate, tile_ink, upper_face
 
-LETTERS = tuple(f"letter {letter}" for letter in ascii_uppercase)
-DIGITS = tuple(f"digit {digit}" for digit in digits)
-TILES = LETTERS + DIGITS
-"""The names of all tiles."""
 TEXTURES = ("striped", "dotted", "checkered")
 """The names of all patterns."""
 
-TILE_SIZE = (0.048, 0.048, 0.012)
 TOWEL_SIZE = (0.09, 0.06, 0.008)
 TOWEL_CORNER = 0.01
 """The radius (m) of a towel's corners."""
-GLYPH = (0.042, 0.034)
-"""The largest width and height (m) of a glyph on its tile."""
-BAR = (0.018, 0.004)
-"""Width and height (m) of the bar below a glyph."""
-BAR_GAP = 0.0035
 STRIPE = 0.008
 DOT = 0.008
 DOT_GRID = 0.0145
 CHECK = 0.01
 """Width (m) of a stripe, of a dot, of the dots' grid and of a check. All but a dot change a little to fit the face."""
-SUNK = 0.0004
-"""The solid core lies this deep (m) below the cut faces, so that nothing shows through their seams."""
-
-DARK_INK: RGBA = (0.06, 0.06, 0.06, 1.0)
-WHITE_INK: RGBA = (0.95, 0.95, 0.95, 1.0)
-
-Meshes = tuple[trimesh.Trimesh, trimesh.Trimesh]
+Meshes = Sequence[trimesh.Trimesh]
 """What has the body's colour, and what has the ink's. They are centred on the body's origin."""
-
-
-def ink_on(color: RGBA) -> RGBA:
-    """The ink that is easy to see on a colour: dark on light colours, white on dark ones."""
-    red, green, blue = color[:3]
-    return DARK_INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else WHITE_INK
 
 
 def add_tile(client: int, name: str, color: RGBA, pose: Pose2) -> Body:
@@ -59,9 +37,7 @@ def add_tile(client: int, name: str, color: RGBA, pose: Pose2) -> Body:
     Raises:
         ValueError: the name is unknown.
     """
-    if name not in TILES:
-        raise ValueError(f"name must be 'letter A' to 'letter Z' or 'digit 0' to 'digit 9', got {name!r}")
-    return _add(client, _tile(name), TILE_SIZE, color, pose, mass=0.02)
+    return add_printed(client, _tile(name), (color, ink_on(color)), TILE_SIZE, pose, mass=0.02)
 
 
 def add_textured_block(
@@ -73,7 +49,7 @@ def add_textured_block(
         ValueError: the texture is unknown.
     """
     _check_texture(texture)
-    return _add(client, _block(texture, size), size, color, pose, mass=0.01)
+    return add_printed(client, _block(texture, size), (color, ink_on(color)), size, pose, mass=0.01)
 
 
 def add_towel(client: int, texture: str, color: RGBA, pose: Pose2) -> Body:
@@ -83,7 +59,7 @@ def add_towel(client: int, texture: str, color: RGBA, pose: Pose2) -> Body:
         ValueError: the texture is unknown.
     """
     _check_texture(texture)
-    return _add(client, _towel(texture), TOWEL_SIZE, color, pose, mass=0.02)
+    return add_printed(client, _towel(texture), (color, ink_on(color)), TOWEL_SIZE, pose, mass=0.02)
 
 
 def _check_texture(texture: str) -> None:
@@ -91,27 +67,7 @@ def _check_texture(texture: str) -> None:
         raise ValueError(f"texture must be one of {', '.join(TEXTURES)}, got {texture!r}")
 
 
-def _add(client: int, meshes: Meshes, size: tuple[float, float, float], color: RGBA, pose: Pose2, mass: float) -> Body:
-    """A movable body whose contact shape is one box."""
-    half = [side / 2 for side in size]
-    collision = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    colored = zip(meshes, (color, ink_on(color)), strict=True)
-    visuals = [create_visual(client, mesh, rgba, lower=0.0) for mesh, rgba in colored]
-    return create_body(client, collision, visuals, pose, half[2], mass, movable=True)
-
-
 # Areas
-
-
-@cache
-def tile_ink(name: str) -> Area:
-    """The area (metres, centred) of the glyph and the bar on a tile, upright along +y."""
-    glyph = letter_outline(name.split()[1], GLYPH[1])
-    shrink = min(1.0, GLYPH[0] / np.ptp(glyph.bounds[::2]))
-    glyph = affinity.scale(glyph, shrink, shrink, origin=(0, 0))
-    low = -(GLYPH[1] + BAR_GAP + BAR[1]) / 2
-    glyph = affinity.translate(glyph, 0, low + BAR[1] + BAR_GAP + GLYPH[1] / 2)
-    return union_all([glyph, box(-BAR[0] / 2, low, BAR[0] / 2, low + BAR[1])])
 
 
 @cache
@@ -144,34 +100,17 @@ def _dot(x: float, y: float) -> Polygon:
 # Meshes
 
 
-def _upper(area: Area, z: float) -> trimesh.Trimesh:
-    """An area as a flat sheet at a height, to be seen from above."""
-    mesh = slab(area, z - SUNK, z)
-    mesh.update_faces(mesh.face_normals[:, 2] > 0.5)
-    return mesh
-
-
-def _flat(outline: Polygon, ink: Area, thickness: float) -> Meshes:
-    """A plate with an inked area on its upper face."""
-    top = thickness / 2
-    sides = slab(outline, -top, top)
-    sides.update_faces(sides.face_normals[:, 2] < 0.5)
-    core = _upper(outline, top - SUNK)
-    ink = ink.intersection(outline)
-    return join(sides, core, _upper(outline.difference(ink), top)), _upper(ink, top)
-
-
 @cache
 def _tile(name: str) -> Meshes:
     width, depth, thickness = TILE_SIZE
-    return _flat(box(-width / 2, -depth / 2, width / 2, depth / 2), tile_ink(name), thickness)
+    return printed_plate(box(-width / 2, -depth / 2, width / 2, depth / 2), [tile_ink(name)], thickness)
 
 
 @cache
 def _towel(texture: str) -> Meshes:
     width, depth, thickness = TOWEL_SIZE
     x, y = width / 2 - TOWEL_CORNER, depth / 2 - TOWEL_CORNER
-    return _flat(box(-x, -y, x, y).buffer(TOWEL_CORNER, 6), pattern(texture, width, depth), thickness)
+    return printed_plate(box(-x, -y, x, y).buffer(TOWEL_CORNER, 6), [pattern(texture, width, depth)], thickness)
 
 
 @cache
@@ -185,6 +124,6 @@ def _block(texture: str, size: tuple[float, float, float]) -> Meshes:
     for width, height, distance, turn in faces:
         ink = pattern(texture, width, height)
         rest = box(-width / 2, -height / 2, width / 2, height / 2).difference(ink)
-        plain.append(_upper(rest, distance / 2).apply_transform(turn))
-        inked.append(_upper(ink, distance / 2).apply_transform(turn))
-    return join(*plain), join(*inked)
+        plain.append(upper_face(rest, distance / 2).apply_transform(turn))
+        inked.append(upper_face(ink, distance / 2).apply_transform(turn))
+    return [join(*plain), join(*inked)]

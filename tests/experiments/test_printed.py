@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from shapely import affinity, contains_xy
 
-from experiments.clip_tabletop import tiles
+from experiments.clip_tabletop import printed
 from gem_lite.foundations import colors
 from gem_lite.rgbd.camera import Camera
 from gem_lite.se2 import Pose2
+from gem_lite.simulation.bodies import tiles
 from gem_lite.simulation.rendering import render
 
 BLUE, YELLOW = colors.rgba("blue"), colors.rgba("yellow")
@@ -15,10 +16,10 @@ ABOVE = Camera.pinhole("above", (0.5, 0, 5), (1.0, 0.0, 0.0, 0.0), (120, 120), 5
 
 def adders(name="letter R"):
     """One body of each kind and texture."""
-    kinds = [lambda client, pose: tiles.add_tile(client, name, BLUE, pose)]
-    for texture in tiles.TEXTURES:
-        kinds.append(lambda client, pose, t=texture: tiles.add_textured_block(client, t, YELLOW, pose))
-        kinds.append(lambda client, pose, t=texture: tiles.add_towel(client, t, BLUE, pose))
+    kinds = [lambda client, pose: printed.add_tile(client, name, BLUE, pose)]
+    for texture in printed.TEXTURES:
+        kinds.append(lambda client, pose, t=texture: printed.add_textured_block(client, t, YELLOW, pose))
+        kinds.append(lambda client, pose, t=texture: printed.add_towel(client, t, BLUE, pose))
     return kinds
 
 
@@ -56,8 +57,8 @@ def test_all_bodies_rest_where_they_are_put(blind, stage):
 @pytest.mark.parametrize("name", ["letter a", "letter AB", "digit 10", "A", "letter A shape"])
 def test_unknown_tiles_are_named(name):
     with pytest.raises(ValueError, match=rf"name .*'{name}'"):
-        tiles.add_tile(0, name, BLUE, Pose2(0.5, 0))
-    for add in (tiles.add_textured_block, tiles.add_towel):
+        printed.add_tile(0, name, BLUE, Pose2(0.5, 0))
+    for add in (printed.add_textured_block, printed.add_towel):
         with pytest.raises(ValueError, match=r"texture .*striped.*'plaid'"):
             add(0, "plaid", BLUE, Pose2(0.5, 0))
 
@@ -88,7 +89,7 @@ def test_no_two_tiles_look_alike_at_any_quarter_turn():
 @pytest.mark.parametrize("name", ["letter F", "digit 6", "letter W", "letter Q"])
 @pytest.mark.parametrize("yaw", [0.0, 2.0])
 def test_a_tile_shows_its_letter_from_above_not_mirrored(world, stage, name, yaw):
-    (body,), _ = stage(lambda client: tiles.add_tile(client, name, BLUE, Pose2(0.5, 0, yaw)))
+    (body,), _ = stage(lambda client: printed.add_tile(client, name, BLUE, Pose2(0.5, 0, yaw)))
     mine, ink = seen(world, body)
     assert mine.sum() == pytest.approx(48**2, rel=0.05)
     assert overlap(ink, drawn(affinity.rotate(tiles.tile_ink(name), np.degrees(yaw), origin=(0, 0)))) > 0.8
