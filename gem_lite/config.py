@@ -292,7 +292,7 @@ class Config(InputConfig):
         """
         table = self.on_table(limits[3] - limits[2])
         usual = table.workspace
-        if scale == 1 and np.allclose((usual.x_min, usual.x_max, usual.y_min, usual.y_max), limits):
+        if scale == 1 and np.allclose(usual.limits, limits):
             return table
         kept = {key for ending in self.ablations for key in self.ablation(ending).changes}
         in_cells = scale * self.pixel / table.pixel

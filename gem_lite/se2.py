@@ -99,6 +99,11 @@ class Workspace:
         return self.y_max - self.y_min
 
     @property
+    def limits(self) -> tuple[float, float, float, float]:
+        """x_min, x_max, y_min, y_max (m)."""
+        return self.x_min, self.x_max, self.y_min, self.y_max
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(H, W) of the height map."""
         return round((self.y_max - self.y_min) / self.pixel), round((self.x_max - self.x_min) / self.pixel)

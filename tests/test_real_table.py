@@ -19,7 +19,7 @@ from gem_lite.tasks import pick_object_part, real_table
 
 SEEN, UNSEEN = "pick-object-part-in-brown-box-seen", "pick-object-part-in-brown-box-unseen"
 TABLE = real_table.WORKSPACE
-LIMITS = (TABLE.x_min, TABLE.x_max, TABLE.y_min, TABLE.y_max)
+LIMITS = TABLE.limits
 MIDDLE = Pose2(0.5, 0.0)
 GRAY = (0.5, 0.5, 0.5, 1.0)
 
@@ -141,8 +141,7 @@ def test_a_configuration_follows_the_table_and_the_size_of_its_things():
     assert (lite.workspace.shape, paper.workspace.shape) == ((160, 128), (320, 256))
     assert paper.pixel == pytest.approx(0.29 / 320)
     for config in (lite, paper):
-        w = config.workspace
-        assert (w.x_min, w.x_max, w.y_min, w.y_max) == pytest.approx(LIMITS)
+        assert config.workspace.limits == pytest.approx(LIMITS)
     assert (lite.top_patch, lite.peak_radius) == (LITE.top_patch / 2, LITE.peak_radius / 2)
     # A crop shows as much of a thing as on CLIPort's table.
     assert lite.crop * lite.pixel == pytest.approx(0.5 * LITE.crop * LITE.pixel, abs=lite.pixel)

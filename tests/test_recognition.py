@@ -200,8 +200,7 @@ LARGE = {tasks.family(name): name for name in tasks.names() if name not in tasks
 def test_no_task_is_refused_its_own_sentence_in_its_own_scene(name, multi, world):
     task = tasks.make(name, "val")
     (observation,) = world.reset(task, tasks.episode_seed("val", 11))
-    w = task.workspace
-    on_its_table = Gem(multi.config.for_table((w.x_min, w.x_max, w.y_min, w.y_max), task.scale), multi.clip)
+    on_its_table = Gem(multi.config.for_table(task.workspace.limits, task.scale), multi.clip)
     queries = on_its_table.read(task.instruction)
     scene = on_its_table.embed(observation.views)
     assert refusal.refusal(scene, [queries.pick, queries.place], on_its_table.source) is None, task.instruction

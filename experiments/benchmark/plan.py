@@ -27,11 +27,18 @@ OURS = ("block-insertion", "bars-in-box", "packing-shapes-seen")
 """Tasks that are not the paper's (`tasks.PAPER`). In the first two, the place's or the pick's angle decides. The third
 is the paper's training task, which it does not measure."""
 WORLD = "varied"
-"""The world in which the demonstrations are collected."""
+"""The world in which the demonstrations are collected, apart from those of `REAL_TABLE`."""
+REAL_TABLE = "real-table"
+"""The world of the tasks `tasks.REAL_TABLE`, for demonstrations and for tests."""
 ENTRIES = ("demonstrations", "multi", "tiers", "search", "wider_search", "settings", "longer", "skipped")
 """The entries of a plan."""
 IDENTITY = tuple(name for name in results.IDENTITY if name not in ("data_sha256", "checkpoint_sha256"))
 """The entries that identify a row of the benchmark. A row of a policy that is trained anew replaces the old one."""
+
+
+def collection_world(task: str) -> str:
+    """The world in which a task's demonstrations are collected."""
+    return REAL_TABLE if task in tasks.REAL_TABLE else WORLD
 
 
 @dataclass(frozen=True)
@@ -71,7 +78,8 @@ class Training:
     @property
     def name(self) -> str:
         """The name of its checkpoint, without a folder and an ending."""
-        task = self.tasks[0] if len(self.tasks) == 1 else "all"
+        several = "real-tables" if self.tasks[0] in tasks.REAL_TABLE else "all"
+        task = self.tasks[0] if len(self.tasks) == 1 else several
         return f"{self.method}-{task}-{self.facts}"
 
 
@@ -111,10 +119,13 @@ class Cell:
         config = self.training.config
         for ending in methods.split(self.method)[1]:  # a rule of acting that is switched off is not in the training
             config = config.ablated(ending)
+        world = collection_world(self.training.tasks[0])
+        task = tasks.make(self.task, self.split)
+        config = config.for_table(task.workspace.limits, task.scale)
         return columns | {
             "demos": self.training.demos, "seed": self.training.seed, "steps": config.steps,
             "learning_rate": config.learning_rate, "config": config.name, "config_hash": config.digest,
-            "clip_fingerprint": self.training.clip_fingerprint, "demonstrations_world": WORLD,
+            "clip_fingerprint": self.training.clip_fingerprint, "demonstrations_world": world,
         }  # fmt: skip
 
     @property
@@ -135,7 +146,7 @@ class Plan:
     """The cells of a plan.
 
     Attributes:
-        several: the tasks of the demonstrations of a method with the ending "multi".
+        several: the tasks of the demonstrations of a method with the ending "multi", but for real tables.
         skipped: by task, the indices of the test episodes that the expert does not solve.
 
     Args:
@@ -192,18 +203,19 @@ class Plan:
 
     def _cells(self, group: Mapping[str, Any]) -> Iterator[Cell]:
         """The cells of one entry of a tier: all combinations of its methods, tasks, demos, seeds and worlds."""
-        wanted = {"paper": tasks.PAPER, "all": (*tasks.PAPER, *OURS)}.get(str(group["tasks"])) or group["tasks"]
+        sets = {"paper": tasks.PAPER, "all": (*tasks.PAPER, *OURS), "real-table": tasks.REAL_TABLE}
+        wanted = sets.get(str(group["tasks"])) or group["tasks"]
         episodes = group.get("episodes", 50)
         split = group.get("split", "test")
+        named = group.get("worlds", [HOME.name])
         for method in group["methods"]:
             if method in actors.SCRIPTED:
-                for preset, task in itertools.product(group.get("presets", ["lite"]), wanted):
+                for preset, task, world in itertools.product(group.get("presets", ["lite"]), wanted, named):
                     # The expert itself decides which episodes are skipped.
                     skipped = () if method == "expert" else self.skipped.get(task, ())
-                    yield Cell(method, task, episodes=episodes, preset=preset, skipped=skipped)
+                    yield Cell(method, task, episodes=episodes, preset=preset, skipped=skipped, world=world)
                 continue
             seeds = group.get("seeds", [0])
-            named = group.get("worlds", [HOME.name])
             for demos, seed, task, world in itertools.product(group["demos"], seeds, wanted, named):
                 # A method that differs from another by rules of acting alone has the other's policy.
                 training = self._training(methods.trained(method), task, demos, seed, group.get("steps"))
@@ -218,7 +230,8 @@ class Plan:
         rate = chosen.get("learning_rate", config.learning_rate)
         usual = steps or chosen.get("steps", config.steps)
         if MULTI_TASK in endings:
-            trained = self.several
+            seen = [name for name in tasks.REAL_TABLE if name.endswith("-seen")]
+            trained = tuple(seen) if task in tasks.REAL_TABLE else self.several
             usual *= len(trained)  # as many for each task as in the training on one task
         else:
             trained = (self._shared.get(task, task),)

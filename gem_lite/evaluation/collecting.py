@@ -54,11 +54,10 @@ def collect(
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     style = looks.style(world)
     task = tasks.make(task_name, split)
-    table = task.workspace
     folder = Path(folder)
     facts = {
         "task": task_name, "split": split, "world": world, "start": start,
-        "workspace": (table.x_min, table.x_max, table.y_min, table.y_max), "scale": task.scale,
+        "workspace": task.workspace.limits, "scale": task.scale,
     }  # fmt: skip
     label = f"{task_name} ({split})"
     with writing(folder):

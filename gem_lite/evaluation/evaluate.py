@@ -63,8 +63,7 @@ class Measurement:
     def config(self) -> Config:
         """The preset on the task's table."""
         task = tasks.make(self.task, self.split)
-        w = task.workspace
-        return Config.preset(self.preset).for_table((w.x_min, w.x_max, w.y_min, w.y_max), task.scale)
+        return Config.preset(self.preset).for_table(task.workspace.limits, task.scale)
 
     @property
     def parts(self) -> list[list[int]]:
