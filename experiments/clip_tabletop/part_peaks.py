@@ -145,7 +145,10 @@ def measure(episodes: int, world_name: str, clip_name: str | None, path: Path) -
 
 
 def described(rows: list[dict]) -> str:
-    """The rows as a table in percent (the last column: the part's share of the area), then the means over the parts that each list withholds, and over the others."""
+    """The rows as a table in percent, then the means over the parts that each list withholds, and over the others.
+
+    The last column is the part's share of the object's area.
+    """
     heads = [name.split("_")[::2] for name in MEANS]
     lines = [" " * 42 + "".join(f"{word:>9}" for word in line) for line in zip(*heads, strict=True)]
 

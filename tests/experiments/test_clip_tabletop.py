@@ -14,6 +14,7 @@ from experiments.clip_tabletop import crops as crop_files
 from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, LabelledScene
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
 from gem_lite.simulation.grips import Surfaces
@@ -290,3 +291,33 @@ def test_a_peak_is_on_the_part_that_lies_on_top():
     corner = np.zeros(workspace.shape)
     corner[0, 0] = 1
     assert part_peaks.peak_is_on(corner, np.roll(corner, 1) > 0), "a cell beside the peak counts"
+
+
+def test_a_scene_of_parts_shows_the_part_that_its_sentence_names(model):
+    config = GemConfig.preset("lite").for_table((0.384, 0.616, -0.145, 0.145), 0.5)
+    asked = next(part_peaks.asked_parts(part_peaks.TASKS[0], "test", 0, "real-table", model, config))
+    assert asked.part in objects.part_names(asked.noun)
+    assert (
+        asked.on_part.any()
+        and (asked.on_object & ~asked.on_part).any()
+        and not (asked.on_part & ~asked.on_object).any()
+    )
+    assert asked.on_object.sum() < 0.1 * asked.on_object.size, "an object is smaller than 5.5 cm"
+    # The crop that a demonstration would remember is from the part itself: its middle is the colour of its cells.
+    middle = asked.crop[asked.crop.shape[0] // 2, asked.crop.shape[1] // 2].astype(int)
+    colors_of_part = asked.scene.heightmap.rgb[asked.on_part].astype(int)
+    assert np.abs(colors_of_part - middle).max(axis=1).min() == 0
+
+
+def test_peaks_are_summed_up_by_list_and_by_what_it_withholds():
+    rows = [
+        {"task": part_peaks.TASKS[0], "object": "mug", "part": part, **dict.fromkeys(part_peaks.MEANS, share)}
+        for part, share in (("brim", 0.25), ("handle", 1.0))
+    ] + [
+        {"task": part_peaks.TASKS[1], "object": "axe", "part": part, **dict.fromkeys(part_peaks.MEANS, share)}
+        for part, share in (("head", 0.5), ("handle", 0.75))
+    ]  # fmt: skip
+    lines = {" ".join(line.split()[:-7]): line.split()[-7:] for line in part_peaks.described(rows).splitlines()[2:]}
+    assert lines["mug brim"] == lines["words, seen objects, withheld: 1 parts"] == ["25"] * 7
+    assert lines["pairs, seen objects, kept: 1 parts"] == ["100"] * 7
+    assert lines["words, unseen objects, kept: 1 parts"] == ["75"] * 7
