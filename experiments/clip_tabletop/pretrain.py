@@ -196,8 +196,8 @@ def _make_batch(
 
 def _loss(model: ResNetClip, batch: _Batch) -> torch.Tensor:
     """The contrast of pictures with four kinds of captions, and of captions with their paraphrases."""
-    # bfloat16 makes the image tower faster where the processor has it, and ten times slower elsewhere. It makes the text
-    # tower's gradient slower, and it would round the logits.
+    # bfloat16 makes the image tower faster where the processor has it, and ten times slower elsewhere. It makes the
+    # text tower's gradient slower, and it would round the logits.
     with torch.autocast("cpu", dtype=torch.bfloat16, enabled=torch.ops.mkldnn._is_mkldnn_bf16_supported()):
         image = model.get_image_features(pixel_values=batch.pixels)
     text = model.get_text_features(input_ids=batch.tokens["input_ids"], attention_mask=batch.tokens["attention_mask"])
