@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 from gem_lite.cli import base
+
+Withhold = Literal["nothing", "pairs", "words"]
 
 
 def pretrain(
@@ -13,7 +16,8 @@ def pretrain(
     scenes: int = 3200,
     epochs: int = 7,
     seed: int = 0,
-    out: Path = Path("runs/clip-tabletop"),
+    withhold: Withhold = "nothing",
+    out: Path | None = None,
     state: Path = Path("runs/pretrain_clip"),
 ) -> None:
     """Train a CLIP on captions and crops that this project renders itself.
@@ -22,35 +26,60 @@ def pretrain(
         scenes: number of training scenes to render
         epochs: number of passes over the crops
         seed: seed of scenes, captions and weights
-        out: folder to write
+        withhold: list of parts and letters that no caption names, see withheld.py
+        out: folder to write (without it: runs/clip-tabletop, or runs/clip-pairs and so on)
         state: folder for the crops and for the state to resume from
 
     Examples:
       python -m experiments.clip_tabletop pretrain
+      python -m experiments.clip_tabletop pretrain --withhold words --out runs/clip-words
     """
     from experiments.clip_tabletop import pretrain as training
+    from experiments.clip_tabletop.withheld import LISTS
 
+    folder = out or Path(f"runs/clip-{'tabletop' if withhold == 'nothing' else withhold}")
     with base.continues(f"the last epoch in {state}"):
-        print(training.pretrain(out, state, scenes, epochs, seed))
+        print(training.pretrain(folder, state, scenes, epochs, seed, LISTS[withhold]))
 
 
-def card(folder: Path, /, *, training_crops: int) -> None:
+def card(folder: Path, /, *, training_crops: int, withhold: Withhold = "nothing") -> None:
     """Measure a CLIP on fresh scenes, and write its card.
 
     Args:
         folder: the CLIP, as pretrain writes it
         training_crops: number of crops of its training
+        withhold: list of its training
 
     Examples:
       python -m experiments.clip_tabletop card data/clip-tabletop --training-crops 806689
     """
     from experiments.clip_tabletop import card as measuring
+    from experiments.clip_tabletop.withheld import LISTS
     from gem_lite import clip
 
-    print(measuring.write(folder, clip.load(folder), training_crops))
+    print(measuring.write(folder, clip.load(folder), training_crops, LISTS[withhold]))
 
 
-APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card)
+def part_peaks(
+    *, episodes: int = 10, world: base.World = "real-table", clip: base.Clip = None, out: base.Out = None
+) -> None:
+    """Measure how often the peak of a map lies on the named part, for words and for a crop.
+
+    Args:
+        episodes: number of test scenes of each part
+
+    Examples:
+      python -m experiments.clip_tabletop part-peaks --clip runs/clip-words
+    """
+    from experiments.clip_tabletop import part_peaks as measuring
+    from gem_lite.evaluation import results
+
+    path = results.output(False, out, "part-peaks")
+    print(measuring.described(measuring.measure(episodes, world, clip, path)))
+    print(f"the rows are in {path}")
+
+
+APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card, part_peaks)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -10,6 +10,7 @@ import numpy as np
 from experiments.clip_tabletop import basic_solids, vocabulary
 from experiments.clip_tabletop.crops import PART_KEYS, Crops, render_crops
 from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
+from experiments.clip_tabletop.withheld import NOTHING, Withheld
 from gem_lite.clip import Clip
 from gem_lite.simulation.bodies import objects, shapes
 
@@ -37,7 +38,7 @@ A small image-text model in the Hugging Face format (a residual convolutional im
 of scenes that it renders in PyBullet, with captions written by `experiments/clip_tabletop/vocabulary.py`. It stands in
 for OpenAI's CLIP where there is no network; it is a different, far smaller model, and no figure made with it is one of
 OpenAI's CLIP. This card is written by the same command.
-
+{experiment}
 ## What it can do
 
 Zero-shot accuracy in percent, on crops of scenes that no training and no calibration saw (seeds {seeds}, {scenes}
@@ -93,6 +94,11 @@ near a wrong thing and sometimes with a high score: the numbers are above.
 It knows nothing beyond this renderer: objects that others modelled (pybullet_data's mug and duck) are named worse than
 its own, and pictures of the real world are beyond it. Pieces whose outlines are alike from the side are confused
 (square and diamond), and so are patches that show a corner of something.
+"""
+
+EXPERIMENT = """
+**This one is an experiment (`--withhold {name}`): no caption names {phrases}.** A tile or piece with such a letter was
+captioned by its colour alone, such a part by its object. What this card says about them is about words it never read.
 """
 
 
@@ -185,7 +191,7 @@ def _worst(model: Clip, crops: Crops, count: int = 6) -> str:
     return ", ".join(f"{name} ({shares[name]:.0f} %)" for name in sorted(shares, key=shares.get)[:count])
 
 
-def write(out: Path, model: Clip, training_crops: int) -> str:
+def write(out: Path, model: Clip, training_crops: int, withheld: Withheld = NOTHING) -> str:
     """Measure a model and write its card, README.md of its folder; returns the text."""
     kinds = {kind: render_crops(scenes, SEED + i, kind) for i, (kind, scenes) in enumerate(SCENES.items())}
     whole = {title: crops.select(crops.whole) for title, crops in _rows(*kinds.values()).items()}
@@ -194,7 +200,11 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
     pairs = len(COLOR_NAMES) * len(NOUN_NAMES)
     unread_colors = unread_words(model, vocabulary.UNREAD_COLORS, COLOR_NAMES, "{} block")
     unread_nouns = unread_words(model, vocabulary.UNREAD_NOUNS, NOUN_NAMES, "a {}")
+    phrases = ", ".join(withheld.phrases)
+    shown_nouns = [name for name in NOUN_NAMES if not withheld.names(name)]
+    shown_parts = [key for key in PART_KEYS if not withheld.names(*key)]
     text = CARD.format(
+        experiment=EXPERIMENT.format(name=withheld.name, phrases=phrases) if phrases else "",
         parameters=model.parameter_count / 1e6,
         training_crops=training_crops,
         seeds=f"{SEED} to {SEED + len(SCENES) - 1}",
@@ -216,8 +226,8 @@ def write(out: Path, model: Clip, training_crops: int) -> str:
         unread_nouns=f"{sum(unread_nouns)} of {len(unread_nouns)}",
         worst=_worst(model, whole["**all**"]),
         colors=", ".join(COLOR_NAMES),
-        shapes=", ".join(name.replace("{} ", "") for name in NOUN_NAMES),
-        parts=", ".join(f'"{noun} {part}"' for noun, part in PART_KEYS[:6]),
+        shapes=", ".join(name.replace("{} ", "") for name in shown_nouns),
+        parts=", ".join(f'"{noun} {part}"' for noun, part in shown_parts[:6]),
         unpictured=len(vocabulary.NOUNS_WITHOUT_PICTURES),
         held_out=", ".join(f"{c} {s}" for c, s in sorted(vocabulary.HELD_OUT)),
     )

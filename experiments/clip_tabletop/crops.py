@@ -35,6 +35,12 @@ TOP_PATCH = (0.09, 0.15)
 SCENES_PER_PROCESS = 160
 """New processes take over after this number of scenes for each: PyBullet keeps some memory of every scene."""
 PART_KEYS = tuple(vocabulary.PARTS)
+TABLE = -1
+"""The index in ``shape`` of a crop of the bare table."""
+NO_NAME = -2
+"""The index in ``shape`` of something that no caption may name. No rendered crop has it; see `withheld`."""
+NO_PART = -1
+"""The index in ``part`` of a crop without a single part that has a name."""
 
 
 @dataclass
@@ -42,7 +48,7 @@ class Crops:
     """Rendered crops and their labels, N of each.
 
     ``images`` (N, 40, 40, 3) uint8. ``color``, ``shape`` and ``part`` (N,) are indices into `COLOR_NAMES`,
-    `NOUN_NAMES` and `PART_KEYS`; -1 for an unnamed colour, the bare table, and crops without a single part.
+    `NOUN_NAMES` and `PART_KEYS`; -1 for an unnamed colour, `TABLE`, `NO_NAME` and `NO_PART` are none of them.
     ``whole`` (N,) is True for crops that frame a whole object.
     """
 

@@ -24,8 +24,9 @@ from tqdm import tqdm
 from transformers import BatchEncoding, CLIPTextConfig, PreTrainedTokenizerFast, ResNetConfig
 
 from experiments.clip_tabletop import card, vocabulary
-from experiments.clip_tabletop.crops import IMAGE_SIZE, PART_KEYS, Crops, rendered_crops
+from experiments.clip_tabletop.crops import IMAGE_SIZE, NO_NAME, PART_KEYS, TABLE, Crops, rendered_crops
 from experiments.clip_tabletop.scenes import COLOR_NAMES, NOUN_NAMES
+from experiments.clip_tabletop.withheld import NOTHING, Withheld
 from gem_lite import clip
 from gem_lite.clip import calibration
 from gem_lite.clip.resnet_clip import ResNetClip, ResNetClipConfig
@@ -49,22 +50,27 @@ Key = tuple[str | None, str | None, str | None]
 """The content of a caption: colour, shape, part; None for what it does not name."""
 
 
-def train_tokenizer(seed: int = 0) -> PreTrainedTokenizerFast:
-    """A byte-level BPE tokenizer over many captions: any text is accepted, known words are short."""
-    rng = np.random.default_rng(seed)
+def captions_for_tokenizer(rng: np.random.Generator, withheld: Withheld) -> list[str]:
+    """Some captions of everything that the training may name."""
     captions = [
         vocabulary.caption(color, shape, rng)
         for color in (None, *COLOR_NAMES)
         for shape in (None, *NOUN_NAMES, *vocabulary.NOUNS_WITHOUT_PICTURES)
-        if (color, shape) not in vocabulary.HELD_OUT
+        if (color, shape) not in vocabulary.HELD_OUT and not withheld.names(shape)
         for _ in range(10)
     ]
-    captions += [vocabulary.caption(None, shape, rng, part) for shape, part in PART_KEYS for _ in range(100)]
+    parts = [key for key in PART_KEYS if not withheld.names(*key)]
+    return captions + [vocabulary.caption(None, shape, rng, part) for shape, part in parts for _ in range(100)]
+
+
+def train_tokenizer(seed: int = 0, withheld: Withheld = NOTHING) -> PreTrainedTokenizerFast:
+    """A byte-level BPE tokenizer over many captions: any text is accepted, known words are short."""
     tokenizer = Tokenizer(models.BPE(unk_token="<unk>"))
     tokenizer.normalizer = normalizers.Lowercase()
     tokenizer.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=True)
     tokenizer.decoder = decoders.ByteLevel()
     alphabet = pre_tokenizers.ByteLevel.alphabet()
+    captions = captions_for_tokenizer(np.random.default_rng(seed), withheld)
     tokenizer.train_from_iterator(
         captions, trainers.BpeTrainer(vocab_size=2000, special_tokens=list(SPECIAL), initial_alphabet=alphabet)
     )
@@ -102,20 +108,22 @@ def _contrast(image: torch.Tensor, text: torch.Tensor, match: torch.Tensor, scal
 def caption_sets(crops: Crops, rng: np.random.Generator) -> list[tuple[np.ndarray, list[Key], np.ndarray]]:
     """Four ways to name a batch: colour and shape, colour, shape, and part (with the colour by a coin's toss).
 
-    A crop whose colour has no name is in none that says a colour, one that shows no one part not in the last.
+    A crop whose colour has no name is in none that says a colour, one that shows no one part not in the last, and one
+    of `NO_NAME` in the second alone.
 
     Returns:
         For each way (rows, keys, match): the crops that it names, its distinct captions, and (rows, keys) bool.
     """
-    table = crops.shape < 0
+    table = crops.shape == TABLE
+    named = crops.shape != NO_NAME
     colored = crops.color >= 0
     nothing = np.full(len(crops), -1)
     part_color = crops.color if rng.random() < 0.5 else nothing
     sets = []
     for rows, columns in (
-        (table | colored, (crops.color, crops.shape, nothing)),
+        (named & (table | colored), (crops.color, crops.shape, nothing)),
         (table | colored, (crops.color, nothing, nothing)),
-        (np.full(len(crops), True), (nothing, crops.shape, nothing)),
+        (named, (nothing, crops.shape, nothing)),
         (crops.part >= 0, (part_color, crops.shape, crops.part)),
     ):
         unique, inverse = np.unique(np.stack(columns, axis=1)[rows], axis=0, return_inverse=True)
@@ -144,18 +152,25 @@ def _augment(images: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 @dataclass(frozen=True)
-class _Batch:
-    """The input of one step: pixels (B, 3, H, W), the tokens of all captions, and the captions of each crop."""
+class _Captions:
+    """A batch in words: the captions of each crop, and all texts of the step, the paraphrases twice at the end."""
 
-    pixels: torch.Tensor
-    tokens: BatchEncoding
     sets: list[tuple[np.ndarray, list[Key], np.ndarray]]
+    texts: list[str]
     paraphrases: int
 
 
-def _make_batch(
-    crops: Crops, tokenizer: PreTrainedTokenizerFast, rng: np.random.Generator, generator: torch.Generator
-) -> _Batch:
+@dataclass(frozen=True)
+class _Batch:
+    """The input of one step: pixels (B, 3, H, W), the captions, and their tokens."""
+
+    pixels: torch.Tensor
+    captions: _Captions
+    tokens: BatchEncoding
+
+
+def write_captions(crops: Crops, rng: np.random.Generator) -> _Captions:
+    """The captions of one step, with nouns without pictures and with paraphrases."""
     sets = caption_sets(crops, rng)
     nouns = vocabulary.NOUNS_WITHOUT_PICTURES
     unpictured = [
@@ -168,22 +183,31 @@ def _make_batch(
     captioned = [key for _, keys, _ in sets for key in keys]
     keys = (*captioned, *paraphrased, *paraphrased)  # the second caption of a key is a paraphrase of the first
     texts = [vocabulary.caption(color, shape, rng, part) for color, shape, part in keys]
+    return _Captions(sets, texts, len(paraphrased))
+
+
+def _make_batch(
+    crops: Crops, tokenizer: PreTrainedTokenizerFast, rng: np.random.Generator, generator: torch.Generator
+) -> _Batch:
+    captions = write_captions(crops, rng)
     pixels = _augment(torch.from_numpy(crops.images), generator).contiguous(memory_format=torch.channels_last)
-    return _Batch(pixels, tokenizer(texts, padding=True, return_tensors="pt"), sets, len(paraphrased))
+    return _Batch(pixels, captions, tokenizer(captions.texts, padding=True, return_tensors="pt"))
 
 
 def _loss(model: ResNetClip, batch: _Batch) -> torch.Tensor:
     """The contrast of pictures with four kinds of captions, and of captions with their paraphrases."""
-    # bfloat16 makes the image tower faster. It makes the text tower's gradient slower, and it would round the logits.
-    with torch.autocast("cpu", dtype=torch.bfloat16):
+    # bfloat16 makes the image tower faster where the processor has it, and ten times slower elsewhere. It makes the
+    # text tower's gradient slower, and it would round the logits.
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=torch.ops.mkldnn._is_mkldnn_bf16_supported()):
         image = model.get_image_features(pixel_values=batch.pixels)
     text = model.get_text_features(input_ids=batch.tokens["input_ids"], attention_mask=batch.tokens["attention_mask"])
     image, text = clip.unit(image), clip.unit(text)
     scale = model.logit_scale.exp().clamp(max=30)
-    lengths = [len(keys) for _, keys, _ in batch.sets]
-    *parts, first, second = text.split([*lengths, batch.paraphrases, batch.paraphrases])
-    loss = 0.3 * _contrast(first, second, torch.eye(batch.paraphrases, dtype=torch.bool), scale)
-    for (rows, _, match), words, weight in zip(batch.sets, parts, (1.0, 0.5, 1.0, 0.5), strict=True):
+    sets, paraphrases = batch.captions.sets, batch.captions.paraphrases
+    lengths = [len(keys) for _, keys, _ in sets]
+    *parts, first, second = text.split([*lengths, paraphrases, paraphrases])
+    loss = 0.3 * _contrast(first, second, torch.eye(paraphrases, dtype=torch.bool), scale)
+    for (rows, _, match), words, weight in zip(sets, parts, (1.0, 0.5, 1.0, 0.5), strict=True):
         if len(rows):
             loss = loss + weight * _contrast(image[torch.from_numpy(rows)], words, torch.from_numpy(match), scale)
     return loss
@@ -208,21 +232,27 @@ def _batches(crops: Crops, batch: int, tokenizer: PreTrainedTokenizerFast, seed:
 
 
 def train(
-    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE
+    crops: Crops, epochs: int, seed: int, run: Path, batch: int = 512, rate: float = LEARNING_RATE,
+    withheld: Withheld = NOTHING,
 ) -> tuple[ResNetClip, PreTrainedTokenizerFast]:  # fmt: skip
     """Train both towers; resumes from ``run`` if an earlier training with the same arguments was stopped.
+
+    Args:
+        withheld: what no caption names.
 
     Raises:
         ValueError: ``run`` holds a damaged state, or that of a training on other crops or with other arguments.
     """
     torch.manual_seed(seed)
-    tokenizer = train_tokenizer()
+    crops = withheld.hide(crops)
+    tokenizer = train_tokenizer(withheld=withheld)
     model = make_model(len(tokenizer)).to(memory_format=torch.channels_last).train()
     optimizer = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=0.05)
     steps = epochs * (len(crops) // batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps, pct_start=0.1)
     parts = {"model": model, "optimizer": optimizer, "schedule": schedule}
     identity = {"crops": len(crops), "epochs": epochs, "seed": seed, "batch": batch, "rate": rate}
+    identity |= {"withheld": withheld.phrases}
     state_file = run / "state.pt"
     for epoch in range(_restore(parts, identity, state_file), epochs):
         batches = _batches(crops, batch, tokenizer, seed, epoch)
@@ -273,7 +303,9 @@ def check_folder(out: Path) -> None:
         )
 
 
-def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> None:
+def save(
+    model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path, withheld: Withheld = NOTHING
+) -> None:  # fmt: skip
     """Write a folder that `transformers` loads; an old one is replaced after the new one is complete.
 
     A calibration or card in the old folder is removed, too: they belong to the old weights.
@@ -293,39 +325,44 @@ def save(model: ResNetClip, tokenizer: PreTrainedTokenizerFast, out: Path) -> No
             "image_mean": [0.5] * 3, "image_std": [0.5] * 3, "resample": 3,
         }  # fmt: skip
         (fresh / "preprocessor_config.json").write_text(json.dumps(preprocessing, indent=1))
-        write_words(fresh)
+        write_words(fresh, withheld)
         if out.exists():
             os.replace(out, Path(workplace) / "old")
         os.replace(fresh, out)
 
 
-def write_words(folder: Path) -> None:
+def write_words(folder: Path, withheld: Withheld = NOTHING) -> None:
     """Write words.json, the words of the captions that a CLIP learned from, into its folder."""
-    (folder / "words.json").write_text(json.dumps(vocabulary.lists(), indent=1) + "\n")
+    (folder / "words.json").write_text(json.dumps(withheld.words(), indent=1) + "\n")
 
 
-def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int) -> str:
+def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int, withheld: Withheld = NOTHING) -> str:
     """Render, train, save, calibrate and measure the embedded CLIP in the folder ``out``; returns its card.
 
     Args:
-        run: folder for the crops and for the state to resume from.
+        run: folder for the crops and for the state to resume from. Each list of words has its own state.
+        withheld: what no caption names.
 
     Raises:
-        ValueError: ``scenes`` or ``epochs`` below 1, a negative ``seed``, or see `check_folder` and `train`.
+        ValueError: something is withheld and ``out`` is the embedded CLIP, ``scenes`` or ``epochs`` are below 1,
+            ``seed`` is negative, or see `check_folder` and `train`.
     """
     check_size(scenes, epochs)
     if seed < 0:
         raise ValueError(f"seed must be at least 0, got {seed}")
+    if withheld != NOTHING and out.resolve() == clip.EMBEDDED.resolve():
+        raise ValueError(f"out must be another folder than {out}, the embedded CLIP: this one is an experiment")
     check_folder(out)  # Before an hour of training, not after it.
     start = time.time()
     crops = rendered_crops(run, scenes, seed)
-    print(f"{len(crops)} crops, {(crops.shape < 0).mean():.0%} of them bare table")
-    model, tokenizer = train(crops, epochs, seed, run)
-    save(model.half(), tokenizer, out)
+    print(f"{len(crops)} crops, {(crops.shape == TABLE).mean():.0%} of them bare table")
+    state = run if withheld == NOTHING else run / withheld.name
+    model, tokenizer = train(crops, epochs, seed, state, withheld=withheld)
+    save(model.half(), tokenizer, out, withheld)
     print(f"wrote {out} after {time.time() - start:.0f} s")
     embedded = clip.load(out)
     calibration.write(embedded, calibrating.calibrate(embedded, calibrating.rendered_scenes()))
-    return card.write(out, embedded, len(crops))
+    return card.write(out, embedded, len(crops), withheld)
 
 
 def check_size(scenes: int, epochs: int) -> None:

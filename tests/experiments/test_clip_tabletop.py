@@ -2,18 +2,22 @@
 
 import itertools
 import json
+import re
 
 import numpy as np
 import pybullet as p
 import pytest
 import torch
 
-from experiments.clip_tabletop import bodies, card, pretrain, scenes, vocabulary
+from experiments.clip_tabletop import bodies, card, part_peaks, pretrain, scenes, vocabulary, withheld
 from experiments.clip_tabletop import crops as crop_files
 from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, LabelledScene
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.se2 import Workspace
+from gem_lite.simulation.bodies import objects
+from gem_lite.simulation.grips import Surfaces
 
 
 def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
@@ -205,3 +209,115 @@ def test_a_symbol_box_is_labelled_whichever_sheet_is_seen():
     # Paper, ink and walls are one body: crops of boxes hold white, black and blue.
     pictures = np.stack([row[0] for row in boxed]).reshape(len(boxed), -1, 3)
     assert ((pictures.min(axis=2) > 180).mean(axis=1) > 0.05).mean() > 0.5
+
+
+def test_each_list_withholds_one_part_of_each_object_and_some_letters():
+    for hidden in (withheld.PAIRS, withheld.WORDS):
+        for name in withheld.OBJECTS:
+            assert sum(hidden.names(name, part) for part in objects.part_names(name)) == 1, name
+        assert {name for name in hidden.nouns if name in vocabulary.TILES} == {f"letter {c}" for c in "AHOT"}
+        assert {"letter A shape", "letter T shape hole"} < hidden.nouns
+    handles = [withheld.PAIRS.names(*key) for key in PART_KEYS if key[0] in withheld.OBJECTS and "handle" in key[1]]
+    assert any(handles) and not all(handles)
+    assert not any("handle" in part for _, part in withheld.WORDS.parts)
+
+
+@pytest.mark.parametrize("hidden", [withheld.PAIRS, withheld.WORDS], ids=lambda hidden: hidden.name)
+def test_no_caption_and_no_word_list_names_what_is_withheld(hidden):
+    def phrases(noun, part=None):
+        names = [vocabulary.named("", name) for name in vocabulary.NOUNS[noun]]
+        return [f"{name} {word}" for name in names for word in vocabulary.PARTS[noun, part]] if part else names
+
+    forbidden = [phrase for noun in hidden.nouns for phrase in phrases(noun)]
+    forbidden += [phrase for key in hidden.parts for phrase in phrases(*key)]
+    pattern = re.compile(rf"\b({'|'.join(map(re.escape, forbidden))})(?!\w)", re.IGNORECASE)
+    # Crops of everything, each part in all colours.
+    labels = [(c, s, -1) for c in range(-1, len(COLOR_NAMES)) for s in range(len(NOUN_NAMES))] + [(-1, -1, -1)]
+    labels += [(c, NOUN_NAMES.index(n), q) for c in range(-1, len(COLOR_NAMES)) for q, (n, _) in enumerate(PART_KEYS)]
+    columns = np.array(labels).T
+    crops = Crops(np.zeros((len(labels), 1, 1, 3), np.uint8), *columns, np.ones(len(labels), bool))
+    rng = np.random.default_rng(0)
+    for shown, named in ((crops, True), (hidden.hide(crops), False)):
+        texts = [text for _ in range(3) for text in pretrain.write_captions(shown, rng).texts]
+        texts += pretrain.captions_for_tokenizer(rng, withheld.NOTHING if named else hidden)
+        assert len(texts) > 30_000
+        assert any(pattern.search(text) for text in texts) == named
+        assert not any(word in " ".join(texts) for word in ("bristle", "jaw")) or named or hidden != withheld.WORDS
+    words = hidden.words()
+    assert words["withheld"] == hidden.phrases
+    assert not {*words["nouns"], *words["parts"]} & set(hidden.phrases)
+    assert not any(
+        pattern.search(name) for names in (*words["nouns"].values(), *words["parts"].values()) for name in names
+    )
+    assert withheld.NOTHING.words() == vocabulary.lists()
+    token_texts = pretrain.train_tokenizer(withheld=hidden)
+    assert (
+        token_texts.decode(token_texts("mug brim letter A")["input_ids"], skip_special_tokens=True).strip()
+        == "mug brim letter a"
+    )
+
+
+def test_a_withheld_tile_is_captioned_by_its_colour_and_a_part_by_its_object():
+    tile, mug = NOUN_NAMES.index("letter A"), NOUN_NAMES.index("mug")
+    brim, handle = (PART_KEYS.index(("mug", part)) for part in ("brim", "handle"))
+    crops = Crops(
+        np.zeros((4, 2, 2, 3), np.uint8), np.array([0, -1, 1, 1]), np.array([tile, tile, mug, mug]),
+        np.array([-1, -1, brim, handle]), np.ones(4, bool),
+    )  # fmt: skip
+    hidden = withheld.WORDS.hide(crops)
+    assert crops.shape.tolist() == [tile, tile, mug, mug], "the rendered labels stay"
+    full, color, shape, part = pretrain.caption_sets(hidden, np.random.default_rng(0))
+    assert [rows.tolist() for rows, _, _ in (full, color, shape, part)] == [[2, 3], [0, 2, 3], [2, 3], [3]]
+    assert set(color[1]) == {("blue", None, None), ("red", None, None)}
+
+
+def test_an_experimental_clip_does_not_replace_the_embedded_one(tmp_path):
+    with pytest.raises(ValueError, match="out must be another folder"):
+        pretrain.pretrain(clip.EMBEDDED, tmp_path, 1, 1, 0, withheld.WORDS)
+
+
+def test_a_peak_is_on_the_part_that_lies_on_top():
+    workspace = Workspace()
+    x, y = workspace.x_min + 0.1, workspace.y_min + 0.2
+    points = np.array([[x, y, 0.02], [x, y, 0.01], [x + 0.1, y, 0.01]])
+    surfaces = Surfaces(points, np.zeros((3, 3)), np.array([1, 0, 0]), ())
+    owners = part_peaks.owners_from_above(surfaces, workspace)
+    assert owners[workspace.nearest_cell(x, y)] == 1
+    assert owners[workspace.nearest_cell(x + 0.1, y)] == 0
+    assert (owners >= 0).sum() == 2
+    semantic = np.zeros(workspace.shape)
+    semantic[workspace.nearest_cell(x, y)] = 1
+    assert part_peaks.peak_is_on(semantic, owners == 1) and not part_peaks.peak_is_on(semantic, owners == 0)
+    corner = np.zeros(workspace.shape)
+    corner[0, 0] = 1
+    assert part_peaks.peak_is_on(corner, np.roll(corner, 1) > 0), "a cell beside the peak counts"
+
+
+def test_a_scene_of_parts_shows_the_part_that_its_sentence_names(model):
+    config = GemConfig.preset("lite").for_table((0.384, 0.616, -0.145, 0.145), 0.5)
+    asked = next(part_peaks.asked_parts(part_peaks.TASKS[0], "test", 0, "real-table", model, config))
+    assert asked.part in objects.part_names(asked.noun)
+    assert (
+        asked.on_part.any()
+        and (asked.on_object & ~asked.on_part).any()
+        and not (asked.on_part & ~asked.on_object).any()
+    )
+    assert asked.on_object.sum() < 0.1 * asked.on_object.size, "an object is smaller than 5.5 cm"
+    # The crop that a demonstration would remember is from the part itself: its middle is the colour of its cells.
+    middle = asked.crop[asked.crop.shape[0] // 2, asked.crop.shape[1] // 2].astype(int)
+    colors_of_part = asked.scene.heightmap.rgb[asked.on_part].astype(int)
+    assert np.abs(colors_of_part - middle).max(axis=1).min() == 0
+
+
+def test_peaks_are_summed_up_by_list_and_by_what_it_withholds():
+    rows = [
+        {"task": part_peaks.TASKS[0], "object": "mug", "part": part, **dict.fromkeys(part_peaks.MEANS, share)}
+        for part, share in (("brim", 0.25), ("handle", 1.0))
+    ] + [
+        {"task": part_peaks.TASKS[1], "object": "axe", "part": part, **dict.fromkeys(part_peaks.MEANS, share)}
+        for part, share in (("head", 0.5), ("handle", 0.75))
+    ]  # fmt: skip
+    lines = {" ".join(line.split()[:-7]): line.split()[-7:] for line in part_peaks.described(rows).splitlines()[2:]}
+    assert lines["mug brim"] == lines["words, seen objects, withheld: 1 parts"] == ["25"] * 7
+    assert lines["pairs, seen objects, kept: 1 parts"] == ["100"] * 7
+    assert lines["words, unseen objects, kept: 1 parts"] == ["75"] * 7
