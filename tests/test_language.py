@@ -225,7 +225,7 @@ def test_a_query_is_a_phrase_or_a_picture():
     assert str(Queries(ImageQuery(picture, "this mug"), "bowl")) == "pick this mug, place bowl"
     assert str(parse("push the pile of blocks into the green square")) == "push pile of blocks to green square"
     for pick in ("", " ", None, 3, picture):
-        with pytest.raises(ValueError, match="pick must be a phrase or an ImageQuery"):
+        with pytest.raises(ValueError, match="pick must be a phrase, an ImageQuery or a Spot"):
             Queries(pick, "bowl")
     for wrong in (picture[..., 0], np.zeros((4, 4, 4), np.uint8), picture[:0], picture.astype(float)):
         with pytest.raises(ValueError, match=r"picture must be \(H, W, 3\) uint8, got .* (uint8|float64)"):

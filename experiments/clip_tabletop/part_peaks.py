@@ -105,8 +105,7 @@ def measure_task(task_name: str, episodes: int, world_name: str, clip_name: str 
     """A row for each part of a task's objects, in ``episodes`` test scenes each; the crops are from validation."""
     model = clip.load(clip_name)
     task = tasks.make(task_name, "test")
-    w = task.workspace
-    config = GemConfig.preset("lite").for_table((w.x_min, w.x_max, w.y_min, w.y_max), task.scale)
+    config = GemConfig.preset("lite").for_table(task.workspace.limits, task.scale)
     crops = {asked.phrase: asked.crop for asked in asked_parts(task_name, "val", 0, world_name, model, config)}
     found = defaultdict(list)
     for episode in range(episodes):
