@@ -11,7 +11,7 @@ from gem_lite.language import Queries, Spot
 from gem_lite.maps import refusal, relations, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
-from gem_lite.planning.naming import NamedThing, lies_in, telling_phrase, whole_things
+from gem_lite.planning.naming import NamedThing, lies_in, phrase_scores, telling_phrase, whole_things
 from gem_lite.planning.planner import Planner, Step
 from gem_lite.planning.swaps import read_swap
 from gem_lite.se2 import Workspace
@@ -132,7 +132,11 @@ def test_a_swap_names_two_things(sentence, first, second):
 def test_a_swap_may_be_one_of_two_goals():
     goal, swap = goals.read("put all toys in the brown box, then swap the mug and the red block")
     assert (goal.thing, swap.first, swap.second) == ("toys", "mug", "red block")
-    for sentence in ("trade the positions of the two flasks", "swap the mug", "do not swap the mug and the fork"):
+    for sentence in (
+        "trade the positions of the two flasks", "swap the mug", "do not swap the mug and the fork",
+        "swap the left mug and the fork", "swap the mug and the fork on the right",
+        "swap the mug and the red and blue blocks",
+    ):  # fmt: skip
         assert read_swap(sentence) is None, sentence
 
 
@@ -264,12 +268,8 @@ class Spots:
 
     def __init__(self, monkeypatch, fixed=(), **spots):
         self.spots, self.fixed = spots, fixed
-        monkeypatch.setattr(refusal, "refusal", lambda scene, queries, source, nouns: self.reason(queries[0]))
         monkeypatch.setattr(refusal, "fit", lambda scene, phrase, source, nouns: self.spots.get(phrase))
         monkeypatch.setattr(relations, "free_spot", lambda heightmap, table: Spot(0.4, 0.4, table))
-
-    def reason(self, phrase):
-        return None if phrase in self.spots else f'there is no "{phrase}"'
 
     def embed(self, views):
         return SimpleNamespace(heightmap=None)
@@ -310,9 +310,26 @@ def test_a_move_that_fails_is_tried_once_more_and_ends_the_swap(monkeypatch):
 
 def test_a_swap_of_what_is_not_there_or_of_one_thing_is_not_begun(monkeypatch):
     plan = swapped(Spots(monkeypatch, mug=lies_at(0.3, 0.0)))
-    assert plan.steps == () and plan.missing == ('there is no "fork"',)
+    assert plan.steps == () and plan.missing == ('there is no "fork": nothing lies on the table',)
     plan = swapped(Spots(monkeypatch, mug=lies_at(0.3, 0.0), fork=lies_at(0.31, 0.0)))
     assert plan.steps == () and "one thing looks like both" in plan.missing[0]
+
+
+def test_the_location_word_of_a_place_tells_two_boxes_apart():
+    workspace = Workspace()
+    boxes = []
+    for name, col in (("first", 20), ("second", 60)):
+        mask = np.zeros(workspace.shape, bool)
+        mask[75:85, col - 5 : col + 5] = True
+        boxes.append(NamedThing(name, 0.0, 0.0, 1.0, mask))
+    both = np.zeros(workspace.shape, np.float32)
+    for box_thing in boxes:
+        both[box_thing.mask] = 1.0
+    scene = SimpleNamespace(heightmap=SimpleNamespace(workspace=workspace))
+    source = SimpleNamespace(map=lambda scene, phrase: both)
+    for phrase, expected in (("left box", [True, False]), ("right box", [False, True]), ("box", [True, True])):
+        scores = phrase_scores([(scene, found) for found in boxes], phrase, source)
+        assert (scores > 0.9).tolist() == expected, phrase
 
 
 def test_several_tables_are_looked_at_together():

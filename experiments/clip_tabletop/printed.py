@@ -14,11 +14,12 @@ from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import BLOCK_SIZE, Body
 from gem_lite.simulation.bodies.solids import join
-from gem_lite.simulation.bodies.tiles import SUNK, TILE_SIZE, add_printed, ink_on, printed_plate, tile_ink, upper_face
+from gem_lite.simulation.bodies.tiles import SUNK, add_printed, ink_on, printed_plate, tile_ink, upper_face
 
 TEXTURES = ("striped", "dotted", "checkered")
 """The names of all patterns."""
 
+TILE_SIZE = (0.048, 0.048, 0.012)
 TOWEL_SIZE = (0.09, 0.06, 0.008)
 TOWEL_CORNER = 0.01
 """The radius (m) of a towel's corners."""

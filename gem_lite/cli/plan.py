@@ -14,7 +14,7 @@ def plan(
 ) -> None:  # fmt: skip
     """Plan a vague goal, and act it out in a simulated scene.
 
-    The planner sees what the policy sees, camera views. Prints each sentence
+    The planner sees what the policy sees, camera views. Prints each step
     and what became of it, then what is missing and what failed.
 
     Args:
@@ -57,4 +57,4 @@ def plan(
     done = sum(step.done is True for step in planner.plan.steps)
     for problem in (*planner.plan.missing, *planner.plan.failed):
         print(problem)
-    print(f"{len(planner.plan.steps)} sentences; {done} of them were done, as the cameras see it")
+    print(f"{len(planner.plan.steps)} steps; {done} of them were done, as the cameras see it")

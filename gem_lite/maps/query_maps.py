@@ -125,12 +125,15 @@ def relation_map(scene: SceneEmbedding, query: str, source: MapSource) -> np.nda
     relation, anchors = language.split_relation(query)
     if relation is None:
         raise ValueError(f"query must be a relation, such as 'left of green bowl', got {query!r}")
-    maps = []
-    for anchor in anchors:
-        word, _ = language.split_location(anchor)
-        semantic = source.map(scene, language.location_in_front(anchor))
-        maps.append(semantic if word is None else located(semantic, word, scene.heightmap.workspace))
+    maps = [phrase_map(scene, anchor, source) for anchor in anchors]
     return relations.place_map(relation, maps, scene.heightmap, source.config)
+
+
+def phrase_map(scene: SceneEmbedding, phrase: str, source: MapSource) -> np.ndarray:
+    """The text-conditioned map (H, W) of a phrase, of which a location word chooses among its strongest responses."""
+    word, _ = language.split_location(phrase)
+    semantic = source.map(scene, language.location_in_front(phrase))
+    return semantic if word is None else located(semantic, word, scene.heightmap.workspace)
 
 
 def joined(members: Sequence[QueryMaps]) -> QueryMaps:

@@ -181,8 +181,8 @@ def refusal(
         relation, anchors = language.split_relation(query)
         members = language.conjuncts(query) if relation is None else anchors
         phrases = [language.split_location(member)[1] for member in members]
-        reasons = [_reason(phrase, fit(scene, phrase, source, nouns), lowest_margin) for phrase in phrases]
-        missing = [reason for reason in reasons if reason is not None]
+        reasons = [reason(phrase, fit(scene, phrase, source, nouns), lowest_margin) for phrase in phrases]
+        missing = [said for said in reasons if said is not None]
         if missing and (len(missing) == len(members) or relation or not _one_group(members)):
             return missing[0]
         if relation is not None and not relation_map(scene, query, source).any():
@@ -196,8 +196,8 @@ def _one_group(members: Sequence[str]) -> bool:
     return len(nouns) == 1 and nouns.pop().endswith("s") and all(_color(member.split()) for member in members)
 
 
-def _reason(phrase: str, found: PhraseFit | None, lowest_margin: float) -> str | None:
-    """Why the thing that fits a phrase best is not what it names; None if it is."""
+def reason(phrase: str, found: PhraseFit | None, lowest_margin: float = LOWEST_MARGIN) -> str | None:
+    """Why the thing that fits a phrase best is not what it names, in one sentence; None if it is."""
     if found is None:
         return f'there is no "{phrase}": nothing lies on the table'
     if is_vague(phrase):

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite import language
-from gem_lite.language import Spot
+from gem_lite.language import Query, Spot
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import PLATEAU, plateau_centre
 from gem_lite.maps.things import things
@@ -124,11 +124,11 @@ def graded(places: np.ndarray, workspace: Workspace) -> np.ndarray:
     return np.where(places, LOWEST_VALUE + (1 - LOWEST_VALUE) * around / highest, 0).astype(np.float32)
 
 
-def no_free_place(query: str | Spot) -> str:
+def no_free_place(query: Query) -> str:
     """One sentence for a relation, such as "left of green bowl", of which no place is free, or for an unseen spot."""
     if isinstance(query, Spot):
         return f"no camera sees the table at {query}"
-    relation, anchors = language.split_relation(query)
+    relation, anchors = language.split_relation(str(query))
     return f"there is no free place {relation} " + " and ".join(f'"{anchor}"' for anchor in anchors)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite.maps import refusal, things
+from gem_lite.maps.query_maps import phrase_map
 from gem_lite.maps.semantic_map import SceneEmbedding, single_view_map
 from gem_lite.maps.sources import MapSource
 from gem_lite.rgbd.heightmap import HeightMap
@@ -75,8 +76,8 @@ Found = tuple[SceneEmbedding, NamedThing]
 
 
 def phrase_scores(found: Sequence[Found], phrase: str, source: MapSource) -> np.ndarray:
-    """The scores (N,) of things, on one table or several, on a source's map of a phrase: what a policy looks at."""
-    maps = {id(scene): source.map(scene, phrase) for scene, _ in found}
+    """The scores (N,) of things, on one table or several, on the map of a phrase that a policy looks at."""
+    maps = {id(scene): phrase_map(scene, phrase, source) for scene, _ in found}
     return np.array([refusal.thing_scores(maps[id(scene)], [thing.mask])[0] for scene, thing in found])
 
 

@@ -23,7 +23,7 @@ from gem_lite.maps.sources import MapSource
 from gem_lite.planning import swaps
 from gem_lite.planning.goals import Goal
 from gem_lite.planning.naming import Found, NamedThing, lies_in, named_things, phrase_scores, telling_phrase
-from gem_lite.planning.swaps import Swap
+from gem_lite.planning.swaps import Move, Swap
 from gem_lite.rgbd.observation import Observation
 
 TRIES = 2
@@ -87,6 +87,7 @@ class _Progress:
         given_up: the names that are not tried again.
         before: how often each name was on the table when the last sentence was said; None if that was judged.
         moves: those of a swap that are left; None before a look.
+        failures: how often the present one of them failed.
     """
 
     said: int = 0
@@ -95,7 +96,8 @@ class _Progress:
     tried: Counter[str] = field(default_factory=Counter)
     given_up: set[str] = field(default_factory=set)
     before: Counter[str] | None = None
-    moves: deque[Queries] | None = None
+    moves: deque[Move] | None = None
+    failures: int = 0
 
 
 class Planner:
@@ -164,17 +166,16 @@ class Planner:
                 self._missing.append(str(reason))
                 return None
         else:
-            last = self._steps[-1]
-            done = swaps.is_done(progress.moves[0], scenes, self._source, self._names)
-            self._steps[-1] = replace(last, done=done)
-            progress.said += 1
+            last = progress.moves[0]
+            done = swaps.is_done(last, scenes, self._source, self._names)
+            self._steps[-1] = replace(self._steps[-1], done=done)
+            progress.failures = 0 if done else progress.failures + 1
             if done:
                 progress.moves.popleft()
-                progress.said = 0
-            elif progress.said == TRIES:
-                self._failed.append(f'the "{last.name}" is not at {progress.moves[0].place} after {TRIES} tries')
+            elif progress.failures == TRIES:
+                self._failed.append(f'the "{last.thing}" is not at {last.spot} after {TRIES} tries')
                 return None
-        return Step(progress.moves[0], str(progress.moves[0].pick)) if progress.moves else None
+        return Step(progress.moves[0].queries, progress.moves[0].thing) if progress.moves else None
 
     def _next_sentence(self, goal: Goal, scenes: Sequence[SceneEmbedding]) -> Step | None:
         """The next sentence for a goal; None if it is reached or cannot be."""

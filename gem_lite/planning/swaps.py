@@ -1,6 +1,6 @@
 """A swap is three moves: the first thing to a free spot, the second to the first one's spot, the first to the second's.
 
-No sentence names a spot of the bare table. So the moves are queries: what to pick is a phrase, and the place is a
+No sentence names a spot of the bare table. So the policy gets queries: what to pick is a phrase, and the place is a
 `language.Spot`. The spots are seen before the first move and remembered.
 """
 
@@ -35,31 +35,49 @@ _JOINTS = (" with ", " and ")
 
 @dataclass(frozen=True)
 class Swap:
-    """Two things that exchange their places.
+    """Two things that exchange their places: the phrases that name them."""
 
-    Attributes:
-        sentence: its part of the instruction.
-        first, second: the phrases of the things.
-    """
-
-    sentence: str
     first: str
     second: str
 
 
+@dataclass(frozen=True)
+class Move:
+    """One move of a swap: the thing that a phrase names comes to a spot."""
+
+    thing: str
+    spot: Spot
+
+    @property
+    def queries(self) -> Queries:
+        """What the policy gets."""
+        return Queries(self.thing, self.spot)
+
+
 def read_swap(sentence: str) -> Swap | None:
-    """The swap that a sentence asks for: "swap the red block and the mug". None if it asks for none."""
+    """The swap that a sentence asks for: "swap the red block and the mug". None if it asks for none.
+
+    Both phrases name single things. A location word, as in "the left mug", is not read: it would mean another thing
+    after the first move.
+    """
     words = " ".join(phrases.TOKEN.findall(sentence.lower()))
     for form in _FORMS:
         match = form.fullmatch(words)
         if match is None:
             continue
-        for first, second in _pairs(match["both"]):
+        for pair in _pairs(match["both"]):
             try:
-                return Swap(sentence.strip(), language.parse_thing(first), language.parse_thing(second))
+                first, second = map(language.parse_thing, pair)
             except ValueError:
                 continue
+            if _is_plain(first) and _is_plain(second):
+                return Swap(first, second)
     return None
+
+
+def _is_plain(phrase: str) -> bool:
+    """Whether a phrase names one thing without a location word."""
+    return len(language.conjuncts(phrase)) == 1 and language.split_location(phrase)[0] is None
 
 
 def _pairs(both: str) -> Iterator[tuple[str, str]]:
@@ -79,12 +97,13 @@ def find_thing(phrase: str, scenes: Sequence[SceneEmbedding], source: MapSource,
     Raises:
         ValueError: it is on no table.
     """
-    reasons = [refusal.refusal(scene, [phrase], source, nouns) for scene in scenes]
-    spots = []
-    for table, (scene, reason) in enumerate(zip(scenes, reasons, strict=True)):
-        thing = refusal.fit(scene, phrase, source, nouns)
-        if reason is None and thing is not None:
-            spots.append((thing.margin, Spot(thing.x, thing.y, table)))
+    things = [refusal.fit(scene, phrase, source, nouns) for scene in scenes]
+    reasons = [refusal.reason(phrase, thing) for thing in things]
+    spots = [
+        (thing.margin, Spot(thing.x, thing.y, table))
+        for table, (thing, reason) in enumerate(zip(things, reasons, strict=True))
+        if thing is not None and reason is None
+    ]
     if not spots:
         raise ValueError(reasons[0])
     return max(spots, key=lambda found: found[0])[1]
@@ -97,7 +116,7 @@ def near(one: Spot, other: Spot) -> bool:
 
 def moves(
     swap: Swap, scenes: Sequence[SceneEmbedding], source: MapSource, nouns: Sequence[str]
-) -> tuple[Queries, ...]:  # fmt: skip
+) -> tuple[Move, ...]:  # fmt: skip
     """The three moves of a swap.
 
     Raises:
@@ -109,14 +128,12 @@ def moves(
     between = relations.free_spot(scenes[first.table].heightmap, first.table)
     if between is None:
         raise ValueError(f'there is no free spot to put the "{swap.first}" meanwhile')
-    return Queries(swap.first, between), Queries(swap.second, first), Queries(swap.first, second)
+    return Move(swap.first, between), Move(swap.second, first), Move(swap.first, second)
 
 
-def is_done(move: Queries, scenes: Sequence[SceneEmbedding], source: MapSource, nouns: Sequence[str]) -> bool:
+def is_done(move: Move, scenes: Sequence[SceneEmbedding], source: MapSource, nouns: Sequence[str]) -> bool:
     """Whether the thing of a move is at its spot."""
-    if not isinstance(move.pick, str) or not isinstance(move.place, Spot):
-        raise ValueError(f"move must bring a thing that a phrase names to a Spot, got {move}")
     try:
-        return near(find_thing(move.pick, scenes, source, nouns), move.place)
+        return near(find_thing(move.thing, scenes, source, nouns), move.spot)
     except ValueError:  # It is on no table.
         return False

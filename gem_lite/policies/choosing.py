@@ -154,7 +154,7 @@ def check_place(name: str, queries: Queries, gates: Sequence[Mapping[str, Gate]]
     if not maps:
         raise ValueError(f"{name} has no map of a place {str(place)!r}: ask a gem policy with a semantic map")
     if not any(bool((semantic > 0).any()) for semantic in maps):
-        raise relations.NoFreePlaceError(relations.no_free_place(place if isinstance(place, Spot) else str(place)))
+        raise relations.NoFreePlaceError(relations.no_free_place(place))
 
 
 def near_peak(

@@ -20,7 +20,7 @@ from gem_lite.tasks.goals import FULL_TURN, Goal, PoseMetric
 from gem_lite.tasks.real_table import AREA, GAP, SCALE, WORKSPACE
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
-from gem_lite.tasks.task import OneTry
+from gem_lite.tasks.task import Task
 
 WORDS = (
     "ACE", "ART", "CAN", "CAR", "CAT", "COT", "EAR", "EAT", "HAT", "HEN", "HER", "HOT", "LET", "LOT", "NET", "OAR",
@@ -96,7 +96,7 @@ def add_lined_plate(client: int, color: RGBA, pose: Pose2) -> Body:
 
 
 @register("arrange-letter-to-word", {"seen": {}, "unseen": {"unseen": True}})
-class ArrangeLetterToWord(OneTry):
+class ArrangeLetterToWord(Task):
     """Five movable tiles and three fixed plates; the sentences follow the word, one for each of its three letters.
 
     Two tiles are distractors. One has the colour of a tile of the word and another letter, so that the letter must be
@@ -104,13 +104,33 @@ class ArrangeLetterToWord(OneTry):
     word has.
 
     In validation and test, the unseen variant has other letters, or digits; the colours are the same. Each sentence is
-    said once, so a tile with a wrong yaw stays as it is, and earns half.
+    said once: after each action the next one follows. What it missed is lost, and what it achieved stays earned. So a
+    tile with a wrong yaw stays as it is, and earns half.
     """
 
     workspace = WORKSPACE
     scale = SCALE
     effector = "parallel-jaw"
     max_steps = 3
+    _lost = 0.0
+    """The sum of the shares that were missed."""
+
+    @override
+    def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:
+        self._lost = 0.0
+        super().reset(environment, rng, seed)
+
+    @override
+    def score(self, environment: Environment) -> float:
+        return super().score(environment) - self._lost / sum(goal.share for goal in self.goals)
+
+    @override
+    def advance(self, environment: Environment) -> None:
+        if self._reached < len(self.goals):
+            goal = self.goals[self._reached]
+            self._lost += goal.share * (1.0 - goal.done(environment))
+            self._reached += 1
+        super().advance(environment)
 
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:

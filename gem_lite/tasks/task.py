@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from typing_extensions import override
 
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.foundations import colors
@@ -145,30 +144,3 @@ class Task(ABC):
                 break
             reached += 1
         return reached
-
-
-class OneTry(Task):
-    """A family whose every sentence is said once: after each action, the next one follows, whatever was achieved.
-
-    What an action missed is lost. What it achieved stays earned.
-    """
-
-    _lost = 0.0
-    """The sum of the shares that were missed."""
-
-    @override
-    def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:
-        self._lost = 0.0
-        super().reset(environment, rng, seed)
-
-    @override
-    def score(self, environment: Environment) -> float:
-        return super().score(environment) - self._lost / sum(goal.share for goal in self.goals)
-
-    @override
-    def advance(self, environment: Environment) -> None:
-        if self._reached < len(self.goals):
-            goal = self.goals[self._reached]
-            self._lost += goal.share * (1.0 - goal.done(environment))
-            self._reached += 1
-        super().advance(environment)

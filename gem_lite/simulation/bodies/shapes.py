@@ -44,8 +44,8 @@ class BowlProfile:
 
     def scaled(self, factor: float) -> BowlProfile:
         """The outline of a similar bowl, whose lengths are multiplied by ``factor``."""
-        lengths = (self.rim, self.base, self.height, self.wall, self.floor)
-        return BowlProfile(*[factor * length for length in lengths], bend=self.bend)
+        lengths = {name: factor * length for name, length in vars(self).items() if name != "bend"}
+        return BowlProfile(**lengths, bend=self.bend)
 
 
 BOWL = BowlProfile()

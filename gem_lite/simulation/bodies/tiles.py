@@ -22,8 +22,6 @@ DIGITS = tuple(f"digit {digit}" for digit in digits)
 TILES = LETTERS + DIGITS
 """The names of all tiles."""
 
-TILE_SIZE = (0.048, 0.048, 0.012)
-"""Sides (m) of a tile on CLIPort's table."""
 GLYPH = (0.042, 0.034)
 """The largest width and height (m) of a glyph on its tile."""
 BAR = (0.018, 0.004)
