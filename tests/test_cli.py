@@ -35,7 +35,8 @@ COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
     "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
-    "clip_tabletop pretrain", "clip_tabletop card", "foreign_table record", "foreign_table measure",
+    "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
+    "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
     "planning play", "planning table", "planning nouns", "planning swap", "pointing",
     "sensor_noise",
@@ -196,6 +197,7 @@ results list --folder nowhere | nowhere is no folder of results
 trian | Unknown command "trian". Did you mean "train"? Available commands:
 clip calibrat | Did you mean "calibrate"?
 clip_tabletop pretrain --scenes 0 | scenes and epochs must be at least 1, got 0 and 7
+clip_tabletop crop-search --episodes 0 | episodes must be at least 1, got 0
 clip_tabletop pretrain --seed -1 | seed must be at least 0, got -1
 foreign_table measure none.safetensors | the checkpoint none.safetensors is not complete
 foreign_table measure none.safetensors --episodes 0 | episodes must be a whole number from 1 to 1000, got 0

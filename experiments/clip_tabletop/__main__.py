@@ -79,7 +79,26 @@ def part_peaks(
     print(f"the rows are in {path}")
 
 
-APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card, part_peaks)
+def crop_search(
+    *, episodes: int = 3, world: base.World = "real-table", clip: base.Clip = None, out: base.Out = None
+) -> None:
+    """Measure how wide a part's crop should be, and how much it should weigh, on validation scenes.
+
+    Args:
+        episodes: number of validation scenes of each part
+
+    Examples:
+      python -m experiments.clip_tabletop crop-search --episodes 1
+    """
+    from experiments.clip_tabletop import crop_search as measuring
+    from gem_lite.evaluation import results
+
+    path = results.output(False, out, "crop-search")
+    print(measuring.described(measuring.measure(episodes, world, clip, path)))
+    print(f"the rows are in {path}")
+
+
+APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card, part_peaks, crop_search)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -9,7 +9,7 @@ import pybullet as p
 import pytest
 import torch
 
-from experiments.clip_tabletop import bodies, card, part_peaks, pretrain, scenes, vocabulary, withheld
+from experiments.clip_tabletop import bodies, card, crop_search, part_peaks, pretrain, scenes, vocabulary, withheld
 from experiments.clip_tabletop import crops as crop_files
 from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, LabelledScene
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
@@ -321,3 +321,22 @@ def test_peaks_are_summed_up_by_list_and_by_what_it_withholds():
     assert lines["mug brim"] == lines["words, seen objects, withheld: 1 parts"] == ["25"] * 7
     assert lines["pairs, seen objects, kept: 1 parts"] == ["100"] * 7
     assert lines["words, unseen objects, kept: 1 parts"] == ["75"] * 7
+
+
+def test_a_crop_of_the_very_scene_finds_its_part(monkeypatch):
+    all_parts = part_peaks.asked_parts
+    monkeypatch.setattr(
+        part_peaks, "asked_parts", lambda *names, **_: itertools.islice(all_parts(*names[:2], 0, *names[3:]), 1)
+    )
+    rows = crop_search.measure_width(0.03, 1, "real-table", None)
+    shares = {(row["text_weight"], row["image_weight"]): row for row in rows}
+    assert set(shares) == set(crop_search.WEIGHTS)
+    assert shares[0.0, 1.0]["on_part"] == shares[0.0, 1.0]["on_object"] == 1
+    assert {(row["top_patch"], row["split"], row["scenes"]) for row in rows} == {(0.03, "val", 1)}
+    table = crop_search.described(rows).splitlines()
+    assert table[1 + crop_search.WIDTHS.index(0.03)].split() == ["30", *(len(rows) * ["100", "(100)"])]
+
+
+def test_a_crop_search_refuses_no_episodes(tmp_path):
+    with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
+        crop_search.measure(0, "real-table", None, tmp_path / "rows.jsonl")
