@@ -53,6 +53,10 @@ ABLATIONS = {
         "one view with patches of 87.5 mm: the paper's side-view patches have that width on the table",
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
     ),
+    "with-part-crops": Ablation(
+        "crops of 30 mm, as wide as a part on the real tables, and A.11's weights, 0.2 to 0.8",
+        {"top_patch": 0.03, "top_stride": 0.015, "text_weight": 0.2, "image_weight": 0.8},
+    ),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
@@ -66,9 +70,10 @@ ABLATIONS = {
 """Endings of GEM's name (A.2), in the order in which a name holds several.
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
-rival of several views; ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch
-off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots; two other
-encoders; and the product rule of A.1.6 over several picks."""
+rival of several views; ``with-part-crops``, whose width `experiments.clip_tabletop crop-search` chose;
+``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch off our additions: narrow
+patches, recolouring, map scaling, conjuncts, location words, empty spots; two other encoders; and the product rule of
+A.1.6 over several picks."""
 
 
 @dataclass(frozen=True)

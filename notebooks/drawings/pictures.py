@@ -13,6 +13,8 @@ from IPython.display import HTML, Image, display
 from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
+FIGURE_COLORS = 256
+"""A stored figure has so many colours: half the size of a file with all of them, and no difference to see."""
 COLORS = 96
 """How many colours the frames of a moving picture share. Fewer colours make a smaller file."""
 
@@ -45,7 +47,16 @@ def described(figure: Figure, text: str) -> Image:
     content = io.BytesIO()
     figure.savefig(content, format="png", bbox_inches="tight")
     plt.close(figure)
-    return Image(content.getvalue(), format="png", alt=text)
+    return Image(with_palette(content.getvalue()), format="png", alt=text)
+
+
+def with_palette(png: bytes) -> bytes:
+    """A still PNG with `FIGURE_COLORS` colours, chosen for this picture."""
+    picture = Pillow.open(io.BytesIO(png)).convert("RGB")
+    few = picture.quantize(FIGURE_COLORS, Pillow.Quantize.MEDIANCUT, kmeans=2, dither=Pillow.Dither.NONE)
+    content = io.BytesIO()
+    few.save(content, "PNG", optimize=True)
+    return content.getvalue()
 
 
 def frame(figure: Figure, dpi: int = 72) -> np.ndarray:

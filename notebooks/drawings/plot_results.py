@@ -38,6 +38,7 @@ ABLATION_NAMES = {
     "without-language-in-attention": "no words in the U-Nets",
     "with-matched-single-view": "one view, matched patches",
     "keeps-own-crop": "keeps its own crop",
+    "with-part-crops": "crops of 30 mm",
     "without-rotation-augmentation": "no turned pictures",
     "without-map-scaling": "no rescaled maps",
     "without-conjuncts": '"and" as one phrase',
