@@ -121,15 +121,14 @@ class Scene:
     maps: Mapping[str, np.ndarray]
 
     def of_things(self, name: str) -> np.ndarray:
-        """A map (H, W) where something stands, and NaN on the bare table, on which nothing can be picked."""
-        return np.where(self.embedding.heightmap.height > BARE_HEIGHT, self.maps[name], np.nan)
+        """A map (H, W) where something stands; minus infinity on the bare table, from which nothing can be picked."""
+        return np.where(self.embedding.heightmap.height > BARE_HEIGHT, self.maps[name], -np.inf)
 
-    def outcome(self, cells: np.ndarray) -> str:
-        """What is at the highest of some ``cells`` (H, W), or beside it: one of `OUTCOMES`."""
-        scores = np.nan_to_num(cells, nan=-np.inf)
-        if peak_is_on(scores, self.on_screwdriver):
+    def outcome(self, semantic: np.ndarray) -> str:
+        """What is at the peak of a map (H, W), or beside it: one of `OUTCOMES`."""
+        if peak_is_on(semantic, self.on_screwdriver):
             return "screwdriver"
-        if peak_is_on(scores, self.on_block):
+        if peak_is_on(semantic, self.on_block):
             return "block"
         return "elsewhere"
 
@@ -272,7 +271,10 @@ def described(rows: list[dict]) -> str:
 
 def draw_scene(setting: Setting, model: Clip, path: Path) -> None:
     """Write a PNG of one scene and its maps."""
+    config = configuration()
     with World(style=looks.style(WORLD)) as world:
-        scene = look(world, setting, model, configuration())
-    title = f"{setting.color} {NOUN}, brightness {setting.brightness:g}"
-    pictures.draw_maps(scene.embedding.heightmap.rgb, {name: scene.of_things(name) for name in PICTURED}, title, path)
+        scene = look(world, setting, model, config)
+    maps = {name: scene.maps[name] for name in PICTURED}
+    highest = {name: divmod(int(scene.of_things(name).argmax()), config.workspace.shape[1]) for name in PICTURED}
+    title = f"{setting.color} {NOUN},\nbrightness {setting.brightness:g}"
+    pictures.draw_maps(scene.embedding.heightmap.rgb, maps, highest, title, path)

@@ -41,19 +41,22 @@ def _write_side_by_side(figures: Sequence[Figure], path: Path) -> None:
     plt.imsave(path, np.hstack(padded))
 
 
-def draw_maps(rgb: np.ndarray, maps: Mapping[str, np.ndarray], title: str, path: Path) -> None:
-    """Write a PNG: a table from above (H, W, 3), and maps (H, W) of it with a cross at each one's highest thing.
+def draw_maps(
+    rgb: np.ndarray, maps: Mapping[str, np.ndarray], highest: Mapping[str, tuple[int, int]], title: str, path: Path
+) -> None:
+    """Write a PNG: a table from above (H, W, 3), and maps (H, W) of it.
 
     Args:
-        maps: by their titles. Cells where nothing stands are NaN.
+        maps: by their titles.
+        highest: for each map, the cell (row, column) that gets a cross.
     """
     fig, axes = plt.subplots(1, 1 + len(maps), figsize=(2.1 * (1 + len(maps)), 3.2), layout="constrained")
     bare(axes[0], title).imshow(rgb)
     for ax, (name, semantic) in zip(axes[1:], maps.items(), strict=True):
         image = bare(ax, name.replace(" + ", "\n+ ")).imshow(semantic, cmap="viridis", vmin=0, vmax=1)
-        row, col = np.unravel_index(np.nanargmax(semantic), semantic.shape)
+        row, col = highest[name]
         ax.plot(col, row, "rx", ms=9, mew=2)
     fig.colorbar(image, ax=axes, shrink=0.7, label="0: nothing, 1: a match")
     path.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(path, dpi=90)
+    fig.savefig(path, dpi=80)
     plt.close(fig)
