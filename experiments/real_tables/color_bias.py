@@ -31,7 +31,6 @@ from gem_lite.language import ImageQuery
 from gem_lite.maps import crop_memory, patches, semantic_map
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.gem_config import GemConfig
-from gem_lite.policies.inputs import BARE_HEIGHT
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import objects, shapes
@@ -111,18 +110,19 @@ class Scene:
 
     Attributes:
         embedding: of the views.
-        on_screwdriver, on_block: (H, W) bool, the cells whose topmost point is theirs.
+        on_screwdriver, on_block, on_things: (H, W) bool, the cells whose topmost point is theirs, or any body's.
         maps: every map of the screwdriver, (H, W) float32, by its name.
     """
 
     embedding: SceneEmbedding
     on_screwdriver: np.ndarray
     on_block: np.ndarray
+    on_things: np.ndarray
     maps: Mapping[str, np.ndarray]
 
     def of_things(self, name: str) -> np.ndarray:
-        """A map (H, W) where something stands; minus infinity on the bare table, from which nothing can be picked."""
-        return np.where(self.embedding.heightmap.height > BARE_HEIGHT, self.maps[name], -np.inf)
+        """A map (H, W) where something lies; minus infinity on the bare table, from which nothing can be picked."""
+        return np.where(self.on_things, self.maps[name], -np.inf)
 
     def outcome(self, semantic: np.ndarray) -> str:
         """What is at the peak of a map (H, W), or beside it: one of `OUTCOMES`."""
@@ -148,10 +148,15 @@ def demonstrated(world: World, setting: Setting, config: GemConfig) -> dict[floa
     return {side: crop_memory.cut(heightmap, pose, side).copy() for side in SIDES}
 
 
-def look(world: World, setting: Setting, model: Clip, config: GemConfig) -> Scene:
-    """Lay out a test scene, look at it, and make its maps."""
-    shown = {"dark": demonstrated(world, setting, config)}
-    shown["bright"] = demonstrated(world, replace(setting, brightness=1.0), config)
+def look(
+    world: World, setting: Setting, bright: Mapping[float, np.ndarray], model: Clip, config: GemConfig
+) -> Scene:  # fmt: skip
+    """Lay out a test scene, look at it, and make its maps.
+
+    Args:
+        bright: what is `demonstrated` of the bright screwdriver.
+    """
+    shown = {"dark": demonstrated(world, setting, config), "bright": bright}
     task = ColorBias(setting.color, setting.brightness)
     (observation,) = world.reset(task, tasks.episode_seed("test", setting.index))
     embedding = semantic_map.embed_scene(observation.views, model, config)
@@ -159,7 +164,7 @@ def look(world: World, setting: Setting, model: Clip, config: GemConfig) -> Scen
     owners = owners_from_above(surfaces, config.workspace)
     names = np.array([*(task.names[body.id] for body, _ in surfaces.parts), ""])  # The last one is for -1: no body.
     maps = maps_of(embedding, setting.color, shown, model, config)
-    return Scene(embedding, names[owners] == NOUN, names[owners] == "block", maps)
+    return Scene(embedding, names[owners] == NOUN, names[owners] == "block", owners >= 0, maps)
 
 
 def maps_of(
@@ -205,26 +210,26 @@ def measure(scenes: int, model: Clip, path: Path) -> tuple[list[dict], Setting]:
     if scenes < 1:
         raise ValueError(f"scenes must be at least 1, got {scenes}")
     config = configuration()
-    settings = [
-        Setting(color, brightness, index)
-        for brightness in BRIGHTNESSES for color in NAMED_COLORS for index in range(scenes)
-    ]  # fmt: skip
+    layouts = [Setting(color, 1.0, index) for color in NAMED_COLORS for index in range(scenes)]
     found: dict[tuple[str, float], dict[Setting, str]] = defaultdict(dict)
     peaks: dict[tuple[str, float], Counter[str]] = defaultdict(Counter)
     biases = {}
     with World(style=looks.style(WORLD)) as world:
-        for setting in tqdm(settings, "color-bias", unit="scene"):
-            scene = look(world, setting, model, config)
-            biases[setting] = scene.bias
-            for name, semantic in scene.maps.items():
-                found[name, setting.brightness][setting] = scene.outcome(scene.of_things(name))
-                peaks[name, setting.brightness][scene.outcome(semantic)] += 1
+        for layout in tqdm(layouts, "color-bias", unit="layout"):
+            bright = demonstrated(world, layout, config)
+            for brightness in BRIGHTNESSES:
+                setting = replace(layout, brightness=brightness)
+                scene = look(world, setting, bright, model, config)
+                biases[setting] = scene.bias
+                for name, semantic in scene.maps.items():
+                    found[name, brightness][setting] = scene.outcome(scene.of_things(name))
+                    peaks[name, brightness][scene.outcome(semantic)] += 1
     rows = [
         row_of(name, brightness, outcomes, peaks[name, brightness], model, config)
         for (name, brightness), outcomes in found.items()
     ]
     results.file_rows(rows, path, IDENTITY)
-    return rows, max(settings, key=biases.__getitem__)
+    return rows, max(biases, key=biases.__getitem__)
 
 
 def row_of(
@@ -273,7 +278,8 @@ def draw_scene(setting: Setting, model: Clip, path: Path) -> None:
     """Write a PNG of one scene and its maps."""
     config = configuration()
     with World(style=looks.style(WORLD)) as world:
-        scene = look(world, setting, model, config)
+        bright = demonstrated(world, replace(setting, brightness=1.0), config)
+        scene = look(world, setting, bright, model, config)
     maps = {name: scene.maps[name] for name in PICTURED}
     highest = {name: divmod(int(scene.of_things(name).argmax()), config.workspace.shape[1]) for name in PICTURED}
     title = f"{setting.color} {NOUN},\nbrightness {setting.brightness:g}"

@@ -9,7 +9,7 @@ import torch
 from small import SMALL
 
 from experiments.real_tables import color_bias, kernels, pictures
-from experiments.real_tables.color_bias import Scene, Setting
+from experiments.real_tables.color_bias import Setting
 from gem_lite.cli.results import described
 from gem_lite.evaluation import results
 from gem_lite.policies import checkpoints
@@ -65,9 +65,11 @@ def test_a_rival_without_such_kernels_is_refused(model, monkeypatch):
 @pytest.fixture(scope="module")
 def scenes(model):
     """One layout with a bright and a dark screwdriver."""
+    config = color_bias.configuration()
     with World(style=looks.style(color_bias.WORLD)) as world:
+        bright = color_bias.demonstrated(world, Setting("yellow", 1.0, 0), config)
         return [
-            color_bias.look(world, Setting("yellow", brightness, 0), model, color_bias.configuration())
+            color_bias.look(world, Setting("yellow", brightness, 0), bright, model, config)
             for brightness in (1.0, 0.25)
         ]
 
@@ -93,14 +95,14 @@ def test_every_map_is_there_and_blends_are_of_eq_4(scenes):
 def test_the_highest_thing_counts_and_the_bare_table_does_not(scenes):
     scene = scenes[0]
     semantic = np.where(scene.on_block, 0.5, 0).astype(np.float32)
-    bare = np.argwhere(scene.embedding.heightmap.height < 0.001)[0]
+    bare = np.argwhere(~scene.on_things)[0]
     semantic[tuple(bare)] = 1
     staged = dataclasses.replace(scene, maps={"words": semantic})
     assert staged.outcome(semantic) == "elsewhere"
     assert staged.outcome(staged.of_things("words")) == "block"
     assert staged.bias == pytest.approx(0.5)
-    on_screwdriver = Scene(scene.embedding, scene.on_screwdriver, scene.on_block, {"words": 1.0 * scene.on_screwdriver})
-    assert on_screwdriver.outcome(on_screwdriver.of_things("words")) == "screwdriver"
+    staged = dataclasses.replace(scene, maps={"words": 1.0 * scene.on_screwdriver})
+    assert staged.outcome(staged.of_things("words")) == "screwdriver"
 
 
 def test_a_row_counts_by_colour_and_its_mean_is_over_layouts(model):
