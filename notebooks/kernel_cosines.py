@@ -51,18 +51,22 @@ def pick_kernels(policy: Gem, phrases: Sequence[str]) -> torch.Tensor:
     return policy.pick.kernel(words).float().cpu()
 
 
+def cosines(vectors: torch.Tensor) -> torch.Tensor:
+    """The cosines (N, N) of vectors (N, ...)."""
+    unit = torch.nn.functional.normalize(vectors.flatten(1), dim=1)
+    return unit @ unit.T
+
+
 def centred_cosines(kernels: torch.Tensor) -> torch.Tensor:
     """The cosines (N, N) of kernels (N, C, h, h) after their mean is subtracted.
 
     What all kernels share says nothing about what they listen to; with it, all cosines would be near 1.
     """
-    centred = (kernels - kernels.mean(dim=0)).flatten(1)
-    unit = torch.nn.functional.normalize(centred, dim=1)
-    return unit @ unit.T
+    return cosines(kernels - kernels.mean(dim=0))
 
 
 def pair_cosines(policy: Gem, pairs: Sequence[PhrasePair]) -> np.ndarray:
     """The centred cosine of each pair's kernels, (N,). The mean is that of all different phrases of the pairs."""
     phrases = list(dict.fromkeys(phrase for pair in pairs for phrase in (pair.phrase, pair.other)))
-    cosines = centred_cosines(pick_kernels(policy, phrases))
-    return np.array([float(cosines[phrases.index(pair.phrase), phrases.index(pair.other)]) for pair in pairs])
+    found = centred_cosines(pick_kernels(policy, phrases))
+    return np.array([float(found[phrases.index(pair.phrase), phrases.index(pair.other)]) for pair in pairs])

@@ -30,7 +30,9 @@ DEMONSTRATIONS = str(clip.DATA / "demos" / f"{TASK}-10")
 BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
-EXPERIMENTS = ("benchmark", "clip_tabletop", "foreign_table", "other_words", "planning", "pointing", "sensor_noise")
+EXPERIMENTS = (
+    "benchmark", "clip_tabletop", "foreign_table", "other_words", "planning", "pointing", "real_tables", "sensor_noise",
+)  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
     "names", "clip calibrate", "results list", "results show",
@@ -39,7 +41,7 @@ COMMANDS = (
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
     "planning play", "planning table", "planning nouns", "planning swap", "pointing",
-    "sensor_noise",
+    "real_tables kernels", "real_tables color-bias", "sensor_noise",
 )  # fmt: skip
 
 
@@ -207,6 +209,8 @@ pointing --kind circles | Invalid value "circles" for --kind. Choose from: "bowl
 pointing --task bars-in-box | Invalid value "bars-in-box" for --task. Choose from: "packing-shapes-seen",
 pointing --scenes 0 | scenes must be at least 1, got 0
 pointing --clip . | the CLIP folder '.' has no configuration: config.json is missing
+real_tables kernels none.safetensors | the checkpoint none.safetensors is not complete
+real_tables color-bias --scenes 0 | scenes must be at least 1, got 0
 sensor_noise --checkpoint none.safetensors | the checkpoint none.safetensors is not complete
 sensor_noise --task object-sorting-seen | was trained for a table 1.0 m long; the task's is
 sensor_noise --episodes 0 | episodes must be at least 1, got 0

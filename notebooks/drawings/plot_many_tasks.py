@@ -94,7 +94,9 @@ def show_phrase_kernels(phrases: Sequence[str], kernels: np.ndarray, inside: np.
     return fig
 
 
-def show_cosines(phrases: Sequence[str], cosines: np.ndarray, title: str) -> Figure:
+def show_cosines(
+    phrases: Sequence[str], cosines: np.ndarray, title: str, label: str = "cosine, the mean subtracted"
+) -> Figure:
     """Cosines (N, N) of all pairs of phrases, each written into its cell."""
     side = 0.62 * len(phrases) + 1.6
     fig, ax = plt.subplots(figsize=(side + 0.8, side), layout="constrained")
@@ -105,7 +107,7 @@ def show_cosines(phrases: Sequence[str], cosines: np.ndarray, title: str) -> Fig
     ax.set_xticks(range(len(phrases)), phrases, rotation=40, ha="right", fontsize=8)
     ax.set_yticks(range(len(phrases)), phrases, fontsize=8)
     ax.tick_params(length=0)
-    fig.colorbar(image, ax=ax, shrink=0.8, label="cosine, the mean subtracted")
+    fig.colorbar(image, ax=ax, shrink=0.8, label=label)
     ax.set_title(title, fontsize=9)
     return fig
 
