@@ -41,7 +41,7 @@ COMMANDS = (
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
     "planning play", "planning table", "planning nouns", "planning swap", "pointing",
-    "real_tables kernels", "real_tables color-bias", "sensor_noise",
+    "real_tables kernels", "real_tables color-bias", "real_tables displaced", "sensor_noise",
 )  # fmt: skip
 
 
@@ -210,6 +210,7 @@ pointing --task bars-in-box | Invalid value "bars-in-box" for --task. Choose fro
 pointing --scenes 0 | scenes must be at least 1, got 0
 pointing --clip . | the CLIP folder '.' has no configuration: config.json is missing
 real_tables kernels none.safetensors | the checkpoint none.safetensors is not complete
+real_tables displaced --episodes 0 | episodes must be at least 1, got 0
 real_tables color-bias --scenes 0 | scenes must be at least 1, got 0
 sensor_noise --checkpoint none.safetensors | the checkpoint none.safetensors is not complete
 sensor_noise --task object-sorting-seen | was trained for a table 1.0 m long; the task's is

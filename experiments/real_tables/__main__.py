@@ -77,7 +77,25 @@ def color_bias(
         print(picture)
 
 
-APP = base.make_app("python -m experiments.real_tables", __doc__, kernels, color_bias)
+def displaced(*task: str, episodes: int = 50, out: base.Out = None) -> None:
+    """Measure how far erring cameras displace the table, and what the expert loses that acts as far beside.
+
+    Args:
+        task: tasks of the real tables
+        episodes: number of test episodes
+
+    Examples:
+      python -m experiments.real_tables displaced arrange-letter-to-word-seen --episodes 10
+    """
+    from experiments.real_tables import displaced as measuring
+    from gem_lite.evaluation import results
+
+    path = results.output(False, out, "displaced-expert")
+    print(measuring.described(measuring.measure(task, episodes, path)))
+    print(f"the rows are in {path}")
+
+
+APP = base.make_app("python -m experiments.real_tables", __doc__, kernels, color_bias, displaced)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -8,15 +8,18 @@ import pytest
 import torch
 from small import SMALL
 
-from experiments.real_tables import color_bias, kernels, pictures
+from experiments.real_tables import color_bias, displaced, kernels, pictures
 from experiments.real_tables.color_bias import Setting
+from gem_lite import tasks
 from gem_lite.cli.results import described
 from gem_lite.evaluation import results
+from gem_lite.evaluation.rollout import rollout
 from gem_lite.policies import checkpoints
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.transporter import TransporterLan
 from gem_lite.simulation import looks
 from gem_lite.simulation.world import World
+from gem_lite.tasks import real_table
 
 FACTS = {"task": "a + b", "demos": 5, "seed": 0, "demonstrations_world": "real-table"}
 
@@ -124,3 +127,29 @@ def test_stored_rows_cover_every_brightness_once():
     assert tuple(of_words) == color_bias.BRIGHTNESSES
     scenes = len(color_bias.NAMED_COLORS) * of_words[1.0]["episodes"]
     assert all(np.sum(list(row["on"].values())) == scenes == sum(row["peak_on"]) for row in rows)
+
+
+def test_a_displacement_is_found_and_points_along_the_table():
+    rng = np.random.default_rng(0)
+    picture = np.kron(rng.uniform(0, 255, (16, 16)), np.ones((8, 8)))
+    rows, columns = displaced.displacement(picture, np.roll(picture, (3, -2), (0, 1)))
+    assert (rows, columns) == (pytest.approx(3, abs=0.2), pytest.approx(-2, abs=0.2))
+    x, y = displaced.in_world((3, -2), real_table.WORKSPACE)
+    before, after = real_table.WORKSPACE.to_world(40, 40), real_table.WORKSPACE.to_world(43, 38)
+    assert (x, y) == pytest.approx(np.subtract(after, before))
+
+
+def test_an_expert_that_acts_beside_the_true_pose_loses():
+    task = tasks.make("arrange-letter-to-word-seen", "test")
+    with World(style=looks.style(displaced.PERFECT)) as world:
+        seed = tasks.episode_seed("test", 0)
+        rewards = [
+            sum(turn.result.reward for turn in rollout(world, task, seed, displaced.displaced_expert(0.0, y)))
+            for y in (0.0, 0.03)
+        ]
+    assert rewards == [pytest.approx(1), 0]
+
+
+def test_only_tasks_of_the_real_tables_are_displaced(tmp_path):
+    with pytest.raises(ValueError, match=r"tasks must be of .*, got 'bars-in-box'"):
+        displaced.measure(["bars-in-box"], 1, tmp_path / "rows.jsonl")
