@@ -328,13 +328,13 @@ def test_a_crop_of_the_very_scene_finds_its_part(monkeypatch):
     monkeypatch.setattr(
         part_peaks, "asked_parts", lambda *names, **_: itertools.islice(all_parts(*names[:2], 0, *names[3:]), 1)
     )
-    rows = crop_search.measure_width(0.03, 1, "real-table", None)
+    rows = crop_search.measure_crops(0.03, 2, 1, "real-table", None)
     shares = {(row["text_weight"], row["image_weight"]): row for row in rows}
     assert set(shares) == set(crop_search.WEIGHTS)
     assert shares[0.0, 1.0]["on_part"] == shares[0.0, 1.0]["on_object"] == 1
     assert {(row["top_patch"], row["split"], row["scenes"]) for row in rows} == {(0.03, "val", 1)}
     table = crop_search.described(rows).splitlines()
-    assert table[1 + crop_search.WIDTHS.index(0.03)].split() == ["30", *(len(rows) * ["100", "(100)"])]
+    assert table[1 + crop_search.CROPS.index((0.03, 2))].split() == ["30", "15", *(len(rows) * ["100", "(100)"])]
 
 
 def test_a_crop_search_refuses_no_episodes(tmp_path):
