@@ -54,8 +54,8 @@ ABLATIONS = {
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
     ),
     "with-part-crops": Ablation(
-        "crops of 30 mm, as wide as a part on the real tables, and A.11's weights, 0.2 to 0.8",
-        {"top_patch": 0.03, "top_stride": 0.015, "text_weight": 0.2, "image_weight": 0.8},
+        "crops of 30 mm, a part's width on the real tables, in finer steps; weights 0.2 to 0.8 as in A.11",
+        {"top_patch": 0.03, "top_stride": 0.0075, "text_weight": 0.2, "image_weight": 0.8},
     ),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
