@@ -68,5 +68,5 @@ def centred_cosines(kernels: torch.Tensor) -> torch.Tensor:
 def pair_cosines(policy: Gem, pairs: Sequence[PhrasePair]) -> np.ndarray:
     """The centred cosine of each pair's kernels, (N,). The mean is that of all different phrases of the pairs."""
     phrases = list(dict.fromkeys(phrase for pair in pairs for phrase in (pair.phrase, pair.other)))
-    found = centred_cosines(pick_kernels(policy, phrases))
-    return np.array([float(found[phrases.index(pair.phrase), phrases.index(pair.other)]) for pair in pairs])
+    of_phrases = centred_cosines(pick_kernels(policy, phrases))
+    return np.array([float(of_phrases[phrases.index(pair.phrase), phrases.index(pair.other)]) for pair in pairs])

@@ -211,7 +211,7 @@ def measure(scenes: int, model: Clip, path: Path) -> tuple[list[dict], Setting]:
         raise ValueError(f"scenes must be at least 1, got {scenes}")
     config = configuration()
     layouts = [Setting(color, 1.0, index) for color in NAMED_COLORS for index in range(scenes)]
-    found: dict[tuple[str, float], dict[Setting, str]] = defaultdict(dict)
+    outcomes: dict[tuple[str, float], dict[Setting, str]] = defaultdict(dict)
     peaks: dict[tuple[str, float], Counter[str]] = defaultdict(Counter)
     biases = {}
     with World(style=looks.style(WORLD)) as world:
@@ -222,11 +222,11 @@ def measure(scenes: int, model: Clip, path: Path) -> tuple[list[dict], Setting]:
                 scene = look(world, setting, bright, model, config)
                 biases[setting] = scene.bias
                 for name, semantic in scene.maps.items():
-                    found[name, brightness][setting] = scene.outcome(scene.of_things(name))
+                    outcomes[name, brightness][setting] = scene.outcome(scene.of_things(name))
                     peaks[name, brightness][scene.outcome(semantic)] += 1
     rows = [
-        row_of(name, brightness, outcomes, peaks[name, brightness], model, config)
-        for (name, brightness), outcomes in found.items()
+        row_of(name, brightness, of_scenes, peaks[name, brightness], model, config)
+        for (name, brightness), of_scenes in outcomes.items()
     ]
     results.file_rows(rows, path, IDENTITY)
     return rows, max(biases, key=biases.__getitem__)
@@ -240,10 +240,12 @@ def row_of(
     ``on`` counts, for each colour, the things that are highest, in the order of `OUTCOMES`. ``peak_on`` counts what is
     at the peak of the whole map, which may lie on the bare table. A reward is the mean over the colours of one layout.
     """
-    counts = {color: Counter(found for of, found in outcomes.items() if of.color == color) for color in NAMED_COLORS}
+    counts = {
+        color: Counter(what for setting, what in outcomes.items() if setting.color == color) for color in NAMED_COLORS
+    }
     rewards = defaultdict(list)
-    for setting, found in outcomes.items():
-        rewards[setting.index].append(float(found == NOUN))
+    for setting, what in outcomes.items():
+        rewards[setting.index].append(float(what == NOUN))
     return {
         "kind": "color-bias", "method": name, "task": "color-bias", "subset": f"brightness {brightness:g}",
         "brightness": brightness, "world": WORLD, "clip": model.name, "clip_fingerprint": model.fingerprint,

@@ -21,12 +21,12 @@ from gem_lite.actions import PickPlace
 from gem_lite.evaluation import results
 from gem_lite.evaluation.rollout import Actor, Observations, rollout
 from gem_lite.evaluation.statistics import mean_and_interval
-from gem_lite.policies.gem_config import GemConfig
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.world import World
+from gem_lite.tasks import real_table
 
 PERFECT, ERRING = "real-table", "real-table-kinect"
 IDENTITY = ("kind", "task")
@@ -62,12 +62,9 @@ def in_world(cells: tuple[float, float], workspace: Workspace) -> tuple[float, f
 def displaced_expert(x: float, y: float) -> Actor:
     """The expert, whose picks and places lie ``x`` and ``y`` (m) beside the true ones."""
 
-    def moved(pose: Pose2) -> Pose2:
-        return replace(pose, x=pose.x + x, y=pose.y + y)
-
     def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> PickPlace:
         action = environment.task.expert(environment).action
-        return replace(action, pick=moved(action.pick), place=moved(action.place))
+        return replace(action, pick=Pose2(x, y) @ action.pick, place=Pose2(x, y) @ action.place)
 
     return actor
 
@@ -83,11 +80,10 @@ def measure_task(task_name: str, episodes: int) -> dict:
         lengths.append(1000 * float(np.hypot(x, y)))
         rewards.append(sum(turn.result.reward for turn in turns))
     mean, ci95 = mean_and_interval(rewards)
-    config = GemConfig.preset("lite").for_table(task.workspace.limits, task.scale)
     return {
         "kind": "displaced-expert", "task": task_name, "world": PERFECT, "cameras": ERRING, "split": "test",
         "episodes": episodes, "mean": mean, "ci95": ci95, "rewards": np.round(rewards, 4).tolist(),
-        "displaced_mm": np.round(lengths, 2).tolist(), "pixel_mm": round(1000 * config.pixel, 4),
+        "displaced_mm": np.round(lengths, 2).tolist(), "pixel_mm": round(1000 * real_table.PIXEL, 4),
         "date": datetime.now(UTC).date().isoformat(),
     }  # fmt: skip
 

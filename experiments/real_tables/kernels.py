@@ -52,14 +52,14 @@ def both_cosines(policy: Gem) -> dict[str, np.ndarray]:
 def measure(path: Path, policy: Gem) -> list[dict]:
     """A row for each seen object, of a policy that ``path`` holds."""
     card = checkpoints.read_card(path)
-    found = both_cosines(policy)
+    trained = both_cosines(policy)
     untrained = [both_cosines(Gem(policy.config, policy.clip, seed=seed)) for seed in range(UNTRAINED)]
     rows = []
     for name in SEEN:
         one, other = (PHRASES.index(f"{name} {part}") for part in objects.part_names(name))
-        numbers = {key: round(float(table[one, other]), 4) for key, table in found.items()}
+        numbers = {key: round(float(table[one, other]), 4) for key, table in trained.items()}
         of_untrained = {
-            f"untrained_{key}": [round(float(tables[key][one, other]), 4) for tables in untrained] for key in found
+            f"untrained_{key}": [round(float(tables[key][one, other]), 4) for tables in untrained] for key in trained
         }
         rows.append({
             "kind": "kernels", "method": card["method"], "object": name, "parts": list(objects.part_names(name)),

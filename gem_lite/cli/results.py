@@ -64,8 +64,8 @@ def files_by_name(folder: Path) -> dict[str, Path]:
 
 def described(row: dict) -> str:
     """A row in one line: its method, task, world and details, and its mean (0-100, with the 95 % interval)."""
-    if row.get("kind") in DESCRIPTIONS:
-        return DESCRIPTIONS[row["kind"]](row)
+    if row.get("kind") == "pointing":
+        return described_pointing(row)
     parts = {"demos": "demos", "steps": "steps", "seed": "seed", "poses": "poses by", "shift": "shift", "turn": "turn"}
     details = [f"{label} {row[name]}" for name, label in parts.items() if row.get(name) is not None]
     subset = row.get("subset", "all")
@@ -80,13 +80,3 @@ def described_pointing(row: dict) -> str:
     near, exact = ("None" if share is None else "{mean} {ci95}".format(**share) for share in shares)
     counts = f"{row['phrases']} phrases, {row['without_crop']} more had no crop"
     return f"{row['scenes']}, {row['map']}: near {near}, exact {exact}, {counts}"
-
-
-def described_kernels(row: dict) -> str:
-    """A row about the kernels of one object's two parts in one line."""
-    numbers = "cosine {cosine}, without the mean {centred_cosine}".format(**row)
-    return f"{row['method']}, {row['object']}, {' and '.join(row['parts'])}: {numbers}"
-
-
-DESCRIPTIONS = {"pointing": described_pointing, "kernels": described_kernels}
-"""How a row of a kind of its own is printed."""

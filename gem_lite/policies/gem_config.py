@@ -54,8 +54,8 @@ ABLATIONS = {
         {"semantic_map": "single-view", "top_patch": 0.0875, "top_stride": 0.04375},
     ),
     "with-part-crops": Ablation(
-        "crops of 30 mm, a part's width on the real tables, in finer steps; weights 0.2 to 0.8 as in A.11",
-        {"top_patch": 0.03, "top_stride": 0.0075, "text_weight": 0.2, "image_weight": 0.8},
+        "crops of 30 mm, as wide as a part on the real tables, and a patch every 7.5 mm",
+        {"top_patch": 0.03, "top_stride": 0.0075},
     ),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
@@ -70,7 +70,7 @@ ABLATIONS = {
 """Endings of GEM's name (A.2), in the order in which a name holds several.
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
-rival of several views; ``with-part-crops``, whose width `experiments.clip_tabletop crop-search` chose;
+rival of several views; ``with-part-crops``, whose sizes `experiments.clip_tabletop crop-search` chose;
 ``keeps-own-crop``, which is what the paper's training does (A.3); and the endings that switch off our additions: narrow
 patches, recolouring, map scaling, conjuncts, location words, empty spots; two other encoders; and the product rule of
 A.1.6 over several picks."""
