@@ -38,6 +38,7 @@ COMMANDS = (
     "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
+    "clip_tabletop withheld-picks",
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
     "planning play", "planning table", "planning nouns", "planning swap", "pointing",
@@ -193,13 +194,16 @@ several-tables {SORTING_POLICY} --tables 0 | tables must be at least 1, got 0
 several-tables {SORTING_POLICY} --tasks object-sorting-seen bars-in-box | got 'bars-in-box'
 several-tables {BOWL_POLICY} | m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m
 clip calibrate . | the CLIP folder '.' has no configuration: config.json is missing
-results show nothing | there are no results named 'nothing'; there are: color-bias, joint,
+results show nothing | there are no results named 'nothing'; there are: joint,
 results show benchmark/bars-in-box --method nobody | benchmark/bars-in-box has no such row
 results list --folder nowhere | nowhere is no folder of results
 trian | Unknown command "trian". Did you mean "train"? Available commands:
 clip calibrat | Did you mean "calibrate"?
 clip_tabletop pretrain --scenes 0 | scenes and epochs must be at least 1, got 0 and 7
 clip_tabletop crop-search --episodes 0 | episodes must be at least 1, got 0
+clip_tabletop withheld-picks | name at least one checkpoint
+clip_tabletop withheld-picks none.safetensors --episodes 0 | episodes must be at least 1, got 0
+clip_tabletop withheld-picks none.safetensors | the checkpoint none.safetensors is not complete
 clip_tabletop pretrain --seed -1 | seed must be at least 0, got -1
 foreign_table measure none.safetensors | the checkpoint none.safetensors is not complete
 foreign_table measure none.safetensors --episodes 0 | episodes must be a whole number from 1 to 1000, got 0

@@ -13,6 +13,8 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25
 """Lines that a reader follows at once."""
+PALETTE = 3
+"""The kind of colour of a PNG with a palette, its byte 25."""
 TAG = "nbval-check-output"
 PARTS = ["exercise", "check", "solution"]
 """Tags of an exercise's code cells, in this order."""
@@ -160,7 +162,9 @@ def test_every_picture_has_a_text_something_moves_and_what_moves_has_a_slider(ce
         for output in cell.outputs:
             picture = output.get("data", {}).get("image/png", "")
             assert not picture or len(output.metadata.get("image/png", {}).get("alt", "")) > 20
-            moving += b"acTL" in base64.b64decode(picture)  # begins the frames of an animated PNG
+            content = base64.b64decode(picture)
+            assert not content or content[25] == PALETTE, "stored pictures have few colours: `pictures.described`"
+            moving += b"acTL" in content  # begins the frames of an animated PNG
             sliders += "gem-slider" in output.get("data", {}).get("text/html", "")
         assert moving == sliders, cell.source
         films += moving

@@ -124,6 +124,24 @@ def test_a_picture_has_its_text_and_its_figure_is_closed():
         pictures.described(plt.figure(), " ")
 
 
+def test_a_stored_picture_has_few_colors_and_keeps_rare_ones():
+    rng = np.random.default_rng(0)
+    gray = rng.integers(0, 256, (200, 300, 1), dtype=np.uint8)
+    picture = np.repeat(gray, 3, axis=2)
+    blocks = {"pink": (255, 105, 180), "purple": (128, 0, 160), "green": (0, 158, 115)}
+    for number, color in enumerate(blocks.values()):
+        picture[10:16, 20 * number : 20 * number + 6] = color
+    picture[100:110, :256] = plt.get_cmap("viridis")(np.arange(256), bytes=True)[None, :, :3]
+    content = io.BytesIO()
+    Image.fromarray(picture).save(content, "PNG")
+    stored = Image.open(io.BytesIO(pictures.with_palette(content.getvalue())))
+    assert stored.mode == "P" and len(stored.getcolors()) <= pictures.FIGURE_COLORS
+    errors = np.abs(np.asarray(stored.convert("RGB")).astype(int) - picture).max(axis=2)
+    for number, name in enumerate(blocks):
+        assert errors[10:16, 20 * number : 20 * number + 6].max() < 20, f"a small {name} block keeps its color"
+    assert errors[100:110, :256].max() < 20, "a color bar stays smooth"
+
+
 def test_a_moving_picture_keeps_its_frames_and_comes_with_the_place_of_its_slider(monkeypatch):
     frames = [np.full((20, 30, 3), value, np.uint8) for value in (0, 90, 255)]
     picture = pictures.animated(frames, "it becomes bright", seconds=0.2)

@@ -7,7 +7,6 @@ import pytest
 import summaries
 
 from experiments.pointing import measure as pointing
-from experiments.real_tables import color_bias, kernels
 from gem_lite import tasks
 from gem_lite.actions import ExpertAction, PickPlace, Push
 from gem_lite.evaluation import actors, results, statistics, table_poses
@@ -160,9 +159,7 @@ def test_a_row_tells_under_which_rules_a_policy_acted():
 def test_stored_rows_are_complete_and_no_two_have_one_name():
     count = 0
     for path in results.RESULTS.glob("**/*.jsonl"):
-        without_policy = {"pointing": pointing.IDENTITY, "color-bias": color_bias.IDENTITY}
-        without_episodes = {"real-table-kernels": kernels.IDENTITY}
-        special = {"object-sorting": table_poses.IDENTITY, **without_policy, **without_episodes}
+        special = {"pointing": pointing.IDENTITY, "object-sorting": table_poses.IDENTITY}
         identity = special.get(path.stem, results.IDENTITY)
         rows = results.read_rows(path)
         count += len(rows)
@@ -170,7 +167,7 @@ def test_stored_rows_are_complete_and_no_two_have_one_name():
         for row in rows:
             assert {"world", "config", "config_hash", "clip", "clip_fingerprint", "episodes", "date"} <= row.keys()
             assert row["config_hash"] or row["method"] == "expert"
-            if path.stem in (*without_policy, *without_episodes):
+            if path.stem == "pointing":
                 continue
             assert {*identity, "demonstrations_world"} - {"skipped"} <= row.keys()
             assert row["episodes"] == len(row["rewards"])

@@ -98,7 +98,38 @@ def crop_search(
     print(f"the rows are in {path}")
 
 
-APP = base.make_app("python -m experiments.clip_tabletop", __doc__, pretrain, card, part_peaks, crop_search)
+def withheld_picks(
+    *checkpoint: Path,
+    withheld: Withhold = "words",
+    episodes: int = 10,
+    world: base.World = "real-table",
+    clip: base.Clip = None,
+    out: base.Out = None,
+) -> None:
+    """Measure how often policies pick the named part, for parts that their CLIP never read and for the others.
+
+    Args:
+        checkpoint: policies of pick-object-part-in-brown-box
+        withheld: list of the words that the CLIP never read
+        episodes: number of test episodes
+
+    Examples:
+      python -m experiments.clip_tabletop withheld-picks runs/words-0.safetensors --clip runs/clip-words
+    """
+    from experiments.clip_tabletop import withheld_picks as measuring
+    from gem_lite.evaluation import results
+
+    path = results.output(False, out, "withheld-picks")
+    if not checkpoint:
+        raise ValueError("name at least one checkpoint")
+    rows = [measuring.measure(one, withheld, clip, world, episodes, path) for one in checkpoint]
+    print(measuring.described(rows))
+    print(f"the rows are in {path}")
+
+
+APP = base.make_app(
+    "python -m experiments.clip_tabletop", __doc__, pretrain, card, part_peaks, crop_search, withheld_picks
+)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

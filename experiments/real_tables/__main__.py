@@ -1,4 +1,4 @@
-"""The real tables without episodes: kernels of parts, and maps that look for a colour."""
+"""The real tables: kernels of parts, maps that look for a colour, and displaced cameras."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ def kernels(
     *,
     picture: Path | None = None,
     clip: base.Clip = None,
-    file: base.File = False,
     out: base.Out = None,
 ) -> None:
     """Compare the pick kernels of the two parts of each object, as Figure A2 does.
@@ -32,7 +31,7 @@ def kernels(
 
     policy = measuring.load(checkpoint, clips.load(clip))
     rows = measuring.measure(checkpoint, policy)
-    path = results.output(file, out, "real-table-kernels")
+    path = results.output(False, out, "real-table-kernels")
     measuring.file(rows, path)
     print(measuring.described(rows))
     print(f"the rows are in {path}")
@@ -48,7 +47,6 @@ def color_bias(
     scenes: int = 20,
     picture: Path | None = None,
     clip: base.Clip = None,
-    file: base.File = False,
     out: base.Out = None,
 ) -> None:
     """Measure how often a map of "yellow screwdriver" points at a yellow block (A.4.1), for words and for crops.
@@ -68,7 +66,7 @@ def color_bias(
 
     torch.set_num_threads(1)
     model = clips.load(clip)
-    path = results.output(file, out, "color-bias")
+    path = results.output(False, out, "color-bias")
     rows, clearest = measuring.measure(scenes, model, path)
     print(measuring.described(rows))
     print(f"the rows are in {path}")

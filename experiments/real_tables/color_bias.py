@@ -18,11 +18,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from drawings import plot_real_table
 from tqdm import tqdm
 from typing_extensions import override
 
 from experiments.clip_tabletop.part_peaks import owners_from_above, peak_is_on
-from experiments.real_tables import pictures
 from gem_lite import tasks
 from gem_lite.clip import Clip
 from gem_lite.evaluation import results
@@ -282,7 +282,10 @@ def draw_scene(setting: Setting, model: Clip, path: Path) -> None:
     with World(style=looks.style(WORLD)) as world:
         bright = demonstrated(world, replace(setting, brightness=1.0), config)
         scene = look(world, setting, bright, model, config)
-    maps = {name: scene.maps[name] for name in PICTURED}
-    highest = {name: divmod(int(scene.of_things(name).argmax()), config.workspace.shape[1]) for name in PICTURED}
-    title = f"{setting.color} {NOUN},\nbrightness {setting.brightness:g}"
-    pictures.draw_maps(scene.embedding.heightmap.rgb, maps, highest, title, path)
+    table = scene.embedding.heightmap.rgb
+    panels = [(f"{setting.color} {NOUN},\nbrightness {setting.brightness:g}", table, None, None)]
+    for name in PICTURED:
+        highest = divmod(int(scene.of_things(name).argmax()), config.workspace.shape[1])
+        panels.append((name.replace(" + ", "\n+ "), scene.maps[name], scene.on_screwdriver, highest))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plot_real_table.show_maps(panels, columns=len(panels)).savefig(path, dpi=80, bbox_inches="tight")

@@ -1,8 +1,8 @@
-"""Pictures: kernels of phrases as in Figure A2, and the maps of one scene."""
+"""The kernels of phrases as a picture, as in Figure A2."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -11,7 +11,6 @@ from drawings import plot_many_tasks
 from matplotlib.figure import Figure
 
 from experiments.real_tables import kernels
-from gem_lite.drawing.plots import bare
 from gem_lite.policies.gem import Gem
 from gem_lite.steerable import disc
 
@@ -39,24 +38,3 @@ def _write_side_by_side(figures: Sequence[Figure], path: Path) -> None:
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
     plt.imsave(path, np.hstack(padded))
-
-
-def draw_maps(
-    rgb: np.ndarray, maps: Mapping[str, np.ndarray], highest: Mapping[str, tuple[int, int]], title: str, path: Path
-) -> None:
-    """Write a PNG: a table from above (H, W, 3), and maps (H, W) of it.
-
-    Args:
-        maps: by their titles.
-        highest: for each map, the cell (row, column) that gets a cross.
-    """
-    fig, axes = plt.subplots(1, 1 + len(maps), figsize=(2.1 * (1 + len(maps)), 3.2), layout="constrained")
-    bare(axes[0], title).imshow(rgb)
-    for ax, (name, semantic) in zip(axes[1:], maps.items(), strict=True):
-        image = bare(ax, name.replace(" + ", "\n+ ")).imshow(semantic, cmap="viridis", vmin=0, vmax=1)
-        row, col = highest[name]
-        ax.plot(col, row, "rx", ms=9, mew=2)
-    fig.colorbar(image, ax=axes, shrink=0.7, label="0: nothing, 1: a match")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(path, dpi=80)
-    plt.close(fig)

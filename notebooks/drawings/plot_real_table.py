@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -61,23 +62,49 @@ def show_maps(
     return fig
 
 
-def show_yaws(panels: Sequence[tuple[str, Mapping[int, str]]]) -> Figure:
-    """For each title a ring of sectors, one for each yaw of the jaw, in the colour of what the yaw leads to.
+@dataclass(frozen=True)
+class Yaws:
+    """What each yaw of a jaw leads to at one point, and the body there from above.
 
-    Args:
-        panels: a title, and the verdict of each yaw (degrees, of half a turn). The other half is the same.
+    Attributes:
+        verdicts: of each yaw (degrees, of half a turn), keys of `VERDICT_COLORS`. The other half is the same.
+        points: (N, 2) metres, relative to the jaw's middle, the lowest first.
+        shades: the colour of each point.
+    """
+
+    verdicts: Mapping[int, str]
+    points: np.ndarray
+    shades: Sequence[str]
+
+
+def show_yaws(panels: Mapping[str, Yaws]) -> Figure:
+    """For each title a body from above in a ring of sectors. A sector is where a finger stands; its number is the yaw.
+
+    Its colour says what the yaw leads to.
     """
     fig, axes = plt.subplots(
         1, len(panels), figsize=(2.9 * len(panels), 3.5), subplot_kw={"projection": "polar"}, layout="constrained"
     )
-    seen = {verdict for _, verdicts in panels for verdict in verdicts.values()}
-    for ax, (title, verdicts) in zip(axes, panels, strict=True):
-        width = np.pi / len(verdicts)
-        for degrees, verdict in verdicts.items():
-            for yaw in (np.radians(degrees), np.radians(degrees) + np.pi):
-                ax.bar(yaw, 0.5, width, 0.5, color=VERDICT_COLORS[verdict], hatch=HATCHES[verdict], ec="white", lw=0.4)
+    seen = {verdict for yaws in panels.values() for verdict in yaws.verdicts.values()}
+    inner = 0.62
+    for ax, (title, yaws) in zip(axes, panels.items(), strict=True):
+        distances = np.hypot(*yaws.points.T) * inner / HALF
+        inside = distances < inner
+        ax.scatter(
+            np.arctan2(yaws.points[inside, 1], yaws.points[inside, 0]), distances[inside], s=3,
+            c=np.array(yaws.shades)[inside], lw=0,
+        )  # fmt: skip
+        width = np.pi / len(yaws.verdicts)
+        for degrees, verdict in yaws.verdicts.items():
+            look = {"color": VERDICT_COLORS[verdict], "hatch": HATCHES[verdict], "ec": "white"}
+            for finger in (np.radians(degrees) + np.pi / 2, np.radians(degrees) - np.pi / 2):
+                # The edge has the colour of the hatches; without a width, no line separates two sectors.
+                ax.bar(finger, 1 - inner, width, inner, lw=0, **look)
+        ax.grid(False)
         ax.set(ylim=(0, 1), yticks=[])
-        ax.set_xticks(np.radians(range(0, 360, 45)), [f"{angle}°" for angle in range(0, 360, 45)], fontsize=8)
+        ax.set_xticks(
+            np.radians(range(0, 360, 45)), [f"{(finger - 90) % 180}°" for finger in range(0, 360, 45)], fontsize=8
+        )
         ax.tick_params(pad=-1)
         ax.set_title(title, fontsize=10)
     names = [name for name in VERDICT_COLORS if name in seen]

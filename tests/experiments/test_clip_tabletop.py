@@ -3,17 +3,33 @@
 import itertools
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pybullet as p
 import pytest
 import torch
+from small import SMALL
 
-from experiments.clip_tabletop import bodies, card, crop_search, part_peaks, pretrain, scenes, vocabulary, withheld
+from experiments.clip_tabletop import (
+    bodies,
+    card,
+    crop_search,
+    part_peaks,
+    pretrain,
+    scenes,
+    vocabulary,
+    withheld,
+    withheld_picks,
+)
 from experiments.clip_tabletop import crops as crop_files
 from experiments.clip_tabletop.bodies import COLOR_NAMES, NOUN_NAMES, Label, LabelledScene
 from experiments.clip_tabletop.crops import PART_KEYS, Crops
 from gem_lite import clip
+from gem_lite.evaluation import results
+from gem_lite.evaluation.evaluate import Measurement
+from gem_lite.policies import checkpoints
+from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
@@ -340,3 +356,33 @@ def test_a_crop_of_the_very_scene_finds_its_part(monkeypatch):
 def test_a_crop_search_refuses_no_episodes(tmp_path):
     with pytest.raises(ValueError, match="episodes must be at least 1, got 0"):
         crop_search.measure(0, "real-table", None, tmp_path / "rows.jsonl")
+
+
+def test_picks_of_withheld_and_of_kept_parts_are_counted_apart(model, tmp_path, monkeypatch):
+    path = tmp_path / "policy.safetensors"
+    facts = {"task": withheld_picks.TASK, "demos": 5, "seed": 3, "demonstrations_world": "real-table"}
+    checkpoints.save_policy(Gem(SMALL, model, seed=3), path, facts)
+    sentences = ["pick the mug brim and place into brown box", "pick the mug handle and place into brown box"]
+    rewards = [0.05, 0.0]
+
+    def turns(*_):
+        for sentence, reward in zip(sentences, rewards, strict=True):
+            yield SimpleNamespace(instruction=sentence, result=SimpleNamespace(reward=reward))
+
+    monkeypatch.setattr(withheld_picks, "rollout", turns)
+    monkeypatch.setattr(Measurement, "actor", lambda *_: None)
+    rows_path = tmp_path / "rows.jsonl"
+    row = withheld_picks.measure(path, "words", None, "real-table", 2, rows_path)
+    assert withheld.WORDS.names("mug", "brim") and not withheld.WORDS.names("mug", "handle")
+    assert (row["withheld"]["mean"], row["kept"]["mean"]) == (100.0, 0.0)
+    assert row["withheld"]["rewards"] == [1.0, 1.0]
+    assert results.read_rows(rows_path) == [json.loads(json.dumps(row))]
+    off = {**row, "method": "gem-without-image-map", "withheld": row["kept"], "seed": 0}
+    *_, difference, kept = withheld_picks.described([row, off]).splitlines()
+    assert difference.startswith("gem minus gem-without-image-map, withheld parts: +100.0 [")
+    assert kept.startswith("gem minus gem-without-image-map, kept parts: +0.0 [")
+
+
+def test_a_sentence_without_a_part_is_refused():
+    with pytest.raises(ValueError, match="must name a part of an object, got 'put the red block in the blue bowl'"):
+        withheld_picks.is_withheld("put the red block in the blue bowl", withheld.WORDS)
