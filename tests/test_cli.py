@@ -201,6 +201,7 @@ trian | Unknown command "trian". Did you mean "train"? Available commands:
 clip calibrat | Did you mean "calibrate"?
 clip_tabletop pretrain --scenes 0 | scenes and epochs must be at least 1, got 0 and 7
 clip_tabletop crop-search --episodes 0 | episodes must be at least 1, got 0
+clip_tabletop part-peaks --text-weight 2 | text_weight must be in [0, 1], got 2
 clip_tabletop withheld-picks | name at least one checkpoint
 clip_tabletop withheld-picks none.safetensors --episodes 0 | episodes must be at least 1, got 0
 clip_tabletop withheld-picks none.safetensors | the checkpoint none.safetensors is not complete

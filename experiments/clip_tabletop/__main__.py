@@ -61,21 +61,36 @@ def card(folder: Path, /, *, training_crops: int, withhold: Withhold = "nothing"
 
 
 def part_peaks(
-    *, episodes: int = 10, world: base.World = "real-table", clip: base.Clip = None, out: base.Out = None
+    *,
+    episodes: int = 10,
+    method: Literal["gem", "gem-with-part-crops"] = "gem",
+    text_weight: float = 0.8,
+    world: base.World = "real-table",
+    clip: base.Clip = None,
+    out: base.Out = None,
 ) -> None:
-    """Measure how often the peak of a map lies on the named part, for words and for a crop.
+    """Measure how often the peak of a map lies on the named part, for words, for a crop, and for a blend of both.
 
     Args:
         episodes: number of test scenes of each part
+        method: its crops and patches
+        text_weight: weight of the words in the blend, 0 to 1; the crop has the rest
 
     Examples:
       python -m experiments.clip_tabletop part-peaks --clip runs/clip-words
+      python -m experiments.clip_tabletop part-peaks --method gem-with-part-crops --text-weight 0.2 --episodes 4
     """
+    from dataclasses import replace
+
     from experiments.clip_tabletop import part_peaks as measuring
     from gem_lite.evaluation import results
+    from gem_lite.policies import methods
 
+    if not 0 <= text_weight <= 1:
+        raise ValueError(f"text_weight must be in [0, 1], got {text_weight:g}")
+    maps = replace(methods.find(method)[1], text_weight=text_weight, image_weight=round(1 - text_weight, 4))
     path = results.output(False, out, "part-peaks")
-    print(measuring.described(measuring.measure(episodes, world, clip, path)))
+    print(measuring.described(measuring.measure(episodes, world, clip, maps, path)))
     print(f"the rows are in {path}")
 
 

@@ -101,11 +101,13 @@ def asked_parts(
             (observation,) = world.observe()
 
 
-def measure_task(task_name: str, episodes: int, world_name: str, clip_name: str | None) -> list[dict]:
+def measure_task(
+    task_name: str, episodes: int, world_name: str, clip_name: str | None, maps: GemConfig
+) -> list[dict]:  # fmt: skip
     """A row for each part of a task's objects, in ``episodes`` test scenes each; the crops are from validation."""
     model = clip.load(clip_name)
     task = tasks.make(task_name, "test")
-    config = GemConfig.preset("lite").for_table(task.workspace.limits, task.scale)
+    config = maps.for_table(task.workspace.limits, task.scale)
     crops = {asked.phrase: asked.crop for asked in asked_parts(task_name, "val", 0, world_name, model, config)}
     found = defaultdict(list)
     for episode in range(episodes):
@@ -121,13 +123,18 @@ def measure_task(task_name: str, episodes: int, world_name: str, clip_name: str 
         rows.append({
             "kind": "part-peaks", "task": task_name, "object": noun, "part": part, "world": world_name,
             "clip": model.name, "clip_fingerprint": model.fingerprint, "config": config.name,
-            "config_hash": config.digest, "episodes": episodes, **means, "date": datetime.now(UTC).date().isoformat(),
+            "config_hash": config.digest, "top_patch": config.top_patch, "top_stride": config.top_stride,
+            "text_weight": config.text_weight, "image_weight": config.image_weight, "episodes": episodes, **means,
+            "date": datetime.now(UTC).date().isoformat(),
         })  # fmt: skip
     return rows
 
 
-def measure(episodes: int, world_name: str, clip_name: str | None, path: Path) -> list[dict]:
+def measure(episodes: int, world_name: str, clip_name: str | None, maps: GemConfig, path: Path) -> list[dict]:
     """`measure_task` for seen and unseen objects; the rows are filed in ``path``.
+
+    Args:
+        maps: decides the crops, the patches and the weights of the blend.
 
     Raises:
         ValueError: ``episodes`` below 1, or ``path`` holds a row over more episodes.
@@ -137,7 +144,7 @@ def measure(episodes: int, world_name: str, clip_name: str | None, path: Path) -
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     rows = []
     for task_name in TASKS:
-        of_task = measure_task(task_name, episodes, world_name, clip_name)
+        of_task = measure_task(task_name, episodes, world_name, clip_name, maps)
         results.file_rows(of_task, path, IDENTITY)
         rows += of_task
     return rows
