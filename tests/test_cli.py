@@ -329,6 +329,8 @@ def test_calibrate_writes_the_numbers_of_a_clip(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(calibration, "DATA", tmp_path)  # So that the embedded CLIP's own file stays as it is.
     assert main(["clip", "calibrate", str(clip.EMBEDDED)]) == 0
     assert "retrieval_threshold=" in capsys.readouterr().out
-    (written,) = (tmp_path / "gem_lite").glob("calibration-*.json")
-    shipped = json.loads((clip.EMBEDDED / "calibration.json").read_text())
-    assert json.loads(written.read_text()) == pytest.approx(shipped, abs=0.02)
+    fingerprint = clip.load().fingerprint
+    for kind in ("calibration", "calibration-dense"):
+        written = json.loads((tmp_path / "gem_lite" / f"{kind}-{fingerprint}.json").read_text())
+        shipped = json.loads((clip.EMBEDDED / f"{kind}.json").read_text())
+        assert written == pytest.approx(shipped, abs=0.02)

@@ -81,6 +81,11 @@ class Clip:
         """
         return read(self)
 
+    @cached_property
+    def dense_calibration(self) -> Calibration:
+        """The same for `embed_positions`. Raises the same errors."""
+        return read(self, "dense")
+
     @property
     def parameter_count(self) -> int:
         """The number of parameters of the model."""
@@ -195,6 +200,41 @@ class Clip:
         """`dense_features`, projected to embeddings, which can be compared with texts: (dim, h, w), unit length."""
         features = self._model.visual_projection(self._features(image, patch))  # (h, w, dim)
         return F.normalize(features.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+
+    @torch.inference_mode()
+    def embed_positions(self, image: np.ndarray, patch: int) -> torch.Tensor:
+        """What there is at each position of a picture, from one pass: (dim, h, w), unit length, on the CPU.
+
+        A ResNet pools the mean of its positions. So each position here is the mean of as many neighbours as a training
+        picture has: where something lies, it resembles the embedding of the patch around it. A vision transformer pools
+        by attention to one token; here each token keeps its own values of the last attention, as in MaskCLIP (Zhou et
+        al., ECCV 2022).
+
+        Args:
+            image: (H, W, 3) uint8.
+            patch: so many pixels become as wide as a ResNet's training pictures. A transformer gets the picture as it
+                is: enlarged, it would have a hundred times as many tokens.
+        """
+        if isinstance(self._model, ResNetClip):
+            features = self._features(image, patch).permute(2, 0, 1)[None]
+            window = -(-self._size // 2**self._model.stages)  # positions in a training picture, in each direction
+            pooled = F.avg_pool2d(features, window, 1, window // 2, count_include_pad=False)[0]
+            embeddings = self._model.visual_projection(pooled.permute(1, 2, 0))
+        else:
+            embeddings = self._model.visual_projection(self._last_values(image))
+        return F.normalize(embeddings.float(), dim=-1).permute(2, 0, 1).cpu().contiguous()
+
+    def _last_values(self, image: np.ndarray) -> torch.Tensor:
+        """The values of a transformer's last attention, (h, w, channels), as if each token attended to itself alone."""
+        side = self._model.config.vision_config.patch_size
+        counts = [max(1, round(length / side)) for length in image.shape[:2]]
+        size = [side * count for count in counts]
+        pixels = self._pixels(torch.from_numpy(np.ascontiguousarray(image))[None], size)
+        tower = self._model.vision_model
+        states = tower(pixel_values=pixels, interpolate_pos_encoding=True, output_hidden_states=True).hidden_states
+        last = tower.encoder.layers[-1]
+        values = last.self_attn.out_proj(last.self_attn.v_proj(last.layer_norm1(states[-2][:, 1:])))
+        return tower.post_layernorm(values).unflatten(1, counts)[0]
 
     def _features(self, image: np.ndarray, patch: int, quarter: int = 4) -> torch.Tensor:
         """The features (h, w, channels) after a quarter of the image tower, from 1 to 4."""

@@ -12,7 +12,7 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -64,22 +64,27 @@ class Calibration:
         return ((cosine - self.image_low) / (self.image_high - self.image_low)).astype(np.float32)
 
 
-def path_for(clip: Model) -> Path:
+Kind = Literal["patches", "dense"]
+"""What is compared with a query: embeddings of patches, or of a picture's positions (`Clip.embed_positions`)."""
+
+
+def path_for(clip: Model, kind: Kind = "patches") -> Path:
     """The file of a CLIP's calibration: in the folder of an embedded model; for others in the user's cache."""
+    stem = "calibration" if kind == "patches" else f"calibration-{kind}"
     if clip.folder is not None and clip.folder.resolve().parent == DATA.resolve():
-        return clip.folder / "calibration.json"
+        return clip.folder / f"{stem}.json"
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gem_lite"
-    return cache / f"calibration-{clip.fingerprint}.json"
+    return cache / f"{stem}-{clip.fingerprint}.json"
 
 
-def read(clip: Model) -> Calibration:
+def read(clip: Model, kind: Kind = "patches") -> Calibration:
     """Read a CLIP's calibration from its file.
 
     Raises:
         FileNotFoundError: it was never measured; the message names the command that measures it.
         ValueError: the file is damaged.
     """
-    path = path_for(clip)
+    path = path_for(clip, kind)
     command = f"`gem-lite clip calibrate {clip.folder or clip.name}`"
     if not path.exists():
         raise FileNotFoundError(f"the CLIP {clip.name!r} has no calibration yet: measure it with {command}")
@@ -90,8 +95,8 @@ def read(clip: Model) -> Calibration:
         raise ValueError(f"{path} is no calibration ({error}): measure it again with {command}") from error
 
 
-def write(clip: Model, calibration: Calibration) -> Path:
+def write(clip: Model, calibration: Calibration, kind: Kind = "patches") -> Path:
     """Write a CLIP's calibration to its file. Returns the file's path."""
-    path = path_for(clip)
+    path = path_for(clip, kind)
     write_atomically(path, json.dumps(dataclasses.asdict(calibration), indent=1).encode())
     return path

@@ -9,9 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from gem_lite import clip, language, tasks
-from gem_lite.clip.calibration import Calibration
+from gem_lite.clip.calibration import Calibration, Kind
 from gem_lite.foundations import colors
-from gem_lite.maps import crop_memory, semantic_map
+from gem_lite.maps import crop_memory, dense, semantic_map
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import Pose2
@@ -40,11 +40,16 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
             yield NamedScene(views, ((phrases.pick, action.pick), (phrases.place, action.place)))
 
 
-def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = LITE) -> Calibration:
+def calibrate(
+    model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfig = LITE, kind: Kind = "patches"
+) -> Calibration:  # fmt: skip
     """Measure a CLIP's numbers on scenes with known phrases and poses, from any source.
 
     The low value is the median of the unscaled maps of all phrases, the high value is the mean of their maxima. The
     views of each scene are embedded: this takes seconds with the embedded CLIP, minutes with a ViT-B/32 on a CPU.
+
+    Args:
+        kind: "dense" for the map source of this name.
 
     Raises:
         ValueError: there is no scene, or no scene has a phrase.
@@ -52,12 +57,15 @@ def calibrate(model: clip.Clip, scenes: Iterable[NamedScene], config: PatchConfi
     text_maps = []
     image_maps = []
     for views, named in tqdm(scenes, desc=f"calibrating {model.name}", unit="scene", leave=False):
-        scene = semantic_map.embed_scene(views, model, config)
+        scene = (dense if kind == "dense" else semantic_map).embed_scene(views, model, config)
         for phrase, pose in named:
             words = semantic_map.embed_query(phrase, model)
             text_maps.append(scene.fuse([side.score(words) for side in scene.sides]))
-            crop = crop_memory.cut(scene.heightmap, pose, config.top_patch)
-            image_maps.append(scene.top.score(model.embed_images(crop[None])[0].cpu()))
+            crop = model.embed_images(crop_memory.cut(scene.heightmap, pose, config.top_patch)[None])[0].cpu()
+            if kind == "dense":  # a picture as a query is compared with the views
+                image_maps.append(scene.fuse([side.score(crop) for side in scene.sides]))
+            else:
+                image_maps.append(scene.top.score(crop))
     if not text_maps:
         raise ValueError("scenes must have at least one phrase with its pose, got none")
 

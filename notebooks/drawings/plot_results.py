@@ -39,6 +39,7 @@ ABLATION_NAMES = {
     "with-matched-single-view": "one view, matched patches",
     "keeps-own-crop": "keeps its own crop",
     "with-part-crops": "crops of 30 mm",
+    "with-dense-map": "one pass for each view",
     "without-rotation-augmentation": "no turned pictures",
     "without-map-scaling": "no rescaled maps",
     "without-conjuncts": '"and" as one phrase',
