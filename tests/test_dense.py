@@ -82,10 +82,10 @@ def test_it_is_like_the_map_of_patches(scene_and_truth, model):
 def test_scores_lie_where_their_positions_lie():
     values = torch.zeros(2, 3, 4)
     values[0, 1, 2] = 1
-    scores = PositionEmbeddings(values, (30, 40)).score(torch.tensor([1.0, 0.0]))
-    assert scores.shape == (30, 40)
-    assert np.unravel_index(scores.argmax(), scores.shape)[0] in range(10, 20) and scores[15, 25] > 0.9
-    assert scores[:, :10].max() == 0
+    scores = PositionEmbeddings(values, (40, 50), slice(5, 35), slice(0, 40)).score(torch.tensor([1.0, 0.0]))
+    assert scores.shape == (40, 50) and scores.dtype == np.float32
+    assert scores[20, 25] > 0.9 and scores.max() == pytest.approx(scores[18:22, 23:27].max())
+    assert scores[:, :10].max() == scores[:5].max() == scores[35:].max() == scores[:, 40:].max() == 0
 
 
 @pytest.mark.parametrize("size", [(64, 96), (70, 100)])
@@ -120,11 +120,14 @@ def test_a_clip_without_a_calibration_names_the_command(transformer, scene_and_t
         source.map(scene, "red block")
 
 
-def test_what_lies_outside_the_workspace_gets_the_tables_color(scene_and_truth, model):
+def test_what_lies_outside_the_workspace_gets_the_tables_color_or_is_cut_off(scene_and_truth, model):
     view = scene_and_truth[0][1]
     inside = np.zeros(view.rgb.shape[:2], bool)
-    inside[200:300, 200:400] = True
+    inside[200:300, 200:300] = True
+    inside[280:300, 300:400] = True
     embedded = dense.embed_view(view, inside, model, LITE)
-    painted = patches.paint_outside(view.rgb, inside)
+    painted = patches.paint_outside(view.rgb, inside)[200:300, 200:400]
     assert torch.allclose(embedded.values, model.embed_positions(painted, 20), atol=1e-5)
-    assert embedded.shape == (480, 640)
+    assert (embedded.shape, embedded.rows, embedded.cols) == ((480, 640), slice(200, 300), slice(200, 400))
+    nothing = dense.embed_view(view, np.zeros_like(inside), model, LITE)
+    assert (nothing.rows, nothing.cols) == (slice(0, 480), slice(0, 640))
