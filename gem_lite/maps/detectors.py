@@ -56,7 +56,11 @@ class Detector:
         return self.image_processor(images=picture, input_data_format="channels_last", return_tensors="pt")
 
     def tokens(self, text: str, **settings: object) -> Mapping[str, torch.Tensor]:
-        """The model's input from a text. Raises ValueError for an empty text, or one with more than `longest` tokens."""
+        """The model's input from a text.
+
+        Raises:
+            ValueError: an empty text, or one with more than `longest` tokens.
+        """
         if not text.strip():
             raise ValueError(f"a phrase must not be empty, got {text!r}")
         count = len(self.tokenizer(text, verbose=False)["input_ids"])
@@ -207,11 +211,6 @@ class OwlVit(DetectorSource[torch.Tensor]):
 
     kinds = {"owlvit": "OWL-ViT", "owlv2": "OWLv2"}  # noqa: RUF012 (the base class says that it is the class's)
 
-    @property
-    def _towers(self) -> Any:
-        """The text and image encoders, which the two models name differently."""
-        return getattr(self.detector.model, self.detector.model.base_model_prefix)
-
     def _features(self, picture: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """The features of a picture (H, W, 3): (1, N, C), and as a grid (1, h, w, C)."""
         grid, _ = self.detector.model.image_embedder(pixel_values=self.detector.prepared(picture)["pixel_values"])
@@ -234,7 +233,9 @@ class OwlVit(DetectorSource[torch.Tensor]):
             return embedding
         tokens = self.detector.tokens(query, padding="max_length", max_length=self.detector.longest)
         words = {name: tokens[name] for name in ("input_ids", "attention_mask")}
-        return unit(self._towers.get_text_features(**words))[None]
+        # The text and image encoders, which the two models name differently.
+        encoders = getattr(self.detector.model, self.detector.model.base_model_prefix)
+        return unit(encoders.get_text_features(**words))[None]
 
     @override
     def detect(self, embedded: SeenView, asked: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -51,7 +51,8 @@ class MapConfig(PatchConfig):
         text_weight, image_weight: w1 and w2 of Eq. 4.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
-        detector: for a source that detects things, its model: a Hugging Face name or a folder (`gem_lite.maps.detectors`).
+        detector: the model of a map source that detects things, as a Hugging Face name or a folder
+            (`gem_lite.maps.detectors`); no other source reads it.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
     """
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy import ndimage
 from typing_extensions import override
 
 from gem_lite.clip import Clip
@@ -31,7 +32,8 @@ class RegionScene(SceneEmbedding):
     """A scene with its regions.
 
     Attributes:
-        regions: N masks (H, W) bool, which share no cell.
+        regions: N masks (H, W) bool, the largest first. A thing's holes belong to it, such as the inside of a bowl, so
+            that a thing in a hole shares its cells; it stands later.
         pictures: (N, D) float32, unit length: the embedding of each region's crop.
     """
 
@@ -46,7 +48,8 @@ class Regions(MapSource):
     @override
     def embed(self, views: Sequence[View]) -> RegionScene:
         scene = super().embed(views)
-        regions, _ = things(scene.heightmap)
+        rising, _ = things(scene.heightmap)
+        regions = sorted(map(ndimage.binary_fill_holes, rising), key=np.sum, reverse=True)
         pictures = embed_regions(scene.heightmap.rgb, regions, self.clip)
         return RegionScene(
             scene.heightmap, scene.points, scene.sides, scene.embed_top, regions=tuple(regions), pictures=pictures
