@@ -39,10 +39,10 @@ def draw(folder: Path, index: int, names: Sequence[str], detector: str, clip_nam
         embedded = {name: source.embed(scene.views) for name, source in sources.items()}
         panels = []
         for question in scene.questions:
-            panels.append((f'"{question.phrase}"', table, None, None))
+            panels.append((f'"{question.phrase}"\nthe table', table, None, None))
             for name, source in sources.items():
                 semantic = source.map(embedded[name], question.phrase)
-                panels.append((f'"{question.phrase}", {name}', semantic, question.cells, None))
+                panels.append((f'"{question.phrase}"\n{name}', semantic, question.cells, None))
         figure = plot_real_table.show_maps(panels, columns=1 + len(sources))
         folder.mkdir(parents=True, exist_ok=True)
         paths.append(folder / f"{kind}.png")
