@@ -1,4 +1,4 @@
-"""How often does the peak of a map lie on the thing that the phrase names? One row for each source and question.
+"""How often does the peak of a map lie on the thing that the phrase names? One row for each source and role.
 
 Every source sees the same scenes, with a CLIP of its own, so that none finds pictures embedded that another one saw. No
 policy takes part, and a map sees pictures and words only; the true cells only count.
@@ -42,8 +42,8 @@ def make_source(name: str, kind: str, detector: str, clip_name: str | None) -> M
 def share_on(semantic: np.ndarray, cells: np.ndarray) -> float:
     """The share of a map's highest cells that are, or lie beside, some ``cells`` (H, W) bool.
 
-    A map of patches has one highest cell, so this is 0 or 1. In a map of regions, all cells of a region are equally
-    high. A map that is nowhere above 0 points at nothing.
+    All cells of a region are equally high, and so are the cells that the same patches cover: then each of them may be
+    the peak. A map that is nowhere above 0 points at nothing.
     """
     if semantic.max() <= 0:
         return 0.0
