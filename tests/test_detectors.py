@@ -260,7 +260,7 @@ def other_class(folder):
     [
         (damage_config, "could not be read: "),
         (damage_weights, "the weights in the detector folder .* are cut off or damaged"),
-        (other_class, "its weights lack [0-9]+ tensors, such as "),
+        (other_class, "the detector.s weights lack [0-9]+ tensors, such as "),
         (lambda folder: (folder / "config.json").unlink(), "has no configuration: config.json is missing"),
         (lambda folder: (folder / "model.safetensors").unlink(), "has no weights"),
         (lambda folder: (folder / "tokenizer.json").unlink(), "has no tokenizer"),

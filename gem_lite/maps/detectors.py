@@ -111,7 +111,9 @@ def _from_pretrained(name: str, kinds: Mapping[str, str], offline: bool) -> Dete
         name, local_files_only=offline, dtype=torch.float32, output_loading_info=True
     )
     if found["missing_keys"]:  # transformers would fill them with random numbers.
-        raise ValueError(f"its weights lack {len(found['missing_keys'])} tensors, such as {min(found['missing_keys'])}")
+        raise ValueError(
+            f"the detector's weights lack {len(found['missing_keys'])} tensors, such as {min(found['missing_keys'])}"
+        )
     model.eval().requires_grad_(False)
     tokenizer = transformers.AutoTokenizer.from_pretrained(name, local_files_only=offline)
     # Pictures are resized by Pillow on every machine, so that the maps do not depend on what else is installed.
