@@ -31,7 +31,8 @@ BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
-    "benchmark", "clip_tabletop", "foreign_table", "other_words", "planning", "pointing", "real_tables", "sensor_noise",
+    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "planning", "pointing", "real_tables",
+    "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -40,7 +41,8 @@ COMMANDS = (
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
     "clip_tabletop withheld-picks",
     "foreign_table record", "foreign_table measure",
-    "foreign_table refusals", "foreign_table scenes", "other_words fit", "other_words measure",
+    "foreign_table refusals", "foreign_table scenes", "other_eyes pictures", "other_eyes peaks", "other_words fit",
+    "other_words measure",
     "planning play", "planning table", "planning nouns", "planning swap", "pointing",
     "real_tables kernels", "real_tables color-bias", "real_tables displaced", "sensor_noise",
 )  # fmt: skip
@@ -210,6 +212,11 @@ foreign_table measure none.safetensors | the checkpoint none.safetensors is not 
 foreign_table measure none.safetensors --episodes 0 | episodes must be a whole number from 1 to 1000, got 0
 foreign_table refusals --tables 5 | tables must be a whole number from 6 to 1000, got 5
 foreign_table scenes | requires an argument
+other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
+other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
+other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
+other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
+other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:
 pointing --kind circles | Invalid value "circles" for --kind. Choose from: "bowls", "shapes".
 pointing --task bars-in-box | Invalid value "bars-in-box" for --task. Choose from: "packing-shapes-seen",
 pointing --scenes 0 | scenes must be at least 1, got 0

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import torch
 
@@ -68,9 +70,9 @@ WANTED = {
     "tokenizer": ("tokenizer.json", "vocab.json"),
     "preprocessing": ("preprocessor_config.json", "processor_config.json"),
 }  # fmt: skip
-"""What a CLIP's folder must hold: for each part one of these files."""
+"""What a model's folder must hold: for each part one of these files."""
 
-
+Loaded = TypeVar("Loaded")
 Parts = tuple[torch.nn.Module, PreTrainedTokenizerBase, dict]
 """A model, its tokenizer, and the entries of its preprocessing."""
 
@@ -87,28 +89,49 @@ def _from_pretrained(name: str, offline: bool) -> Parts:
 
 
 def from_folder(folder: Path) -> Parts:
-    """Load from a folder. If something is missing or damaged, raises OSError that says what."""
-    for part, names in WANTED.items():
-        if not any((folder / name).is_file() for name in names):
-            raise OSError(f"the CLIP folder {str(folder)!r} has no {part}: {names[0]} is missing")
-    transformers.utils.logging.disable_progress_bar()
-    try:
-        return _from_pretrained(str(folder), offline=True)
-    except SafetensorError as error:
-        raise OSError(f"the weights in the CLIP folder {str(folder)!r} are cut off or damaged: {error}") from error
-    except (OSError, ValueError, RuntimeError, EOFError) as error:
-        reason = str(error).strip().partition("\n")[0]
-        raise OSError(f"the CLIP folder {str(folder)!r} could not be read: {reason}") from error
+    """Load a CLIP from a folder. If something is missing or damaged, raises OSError that says what."""
+    return read_folder(folder, "CLIP", partial(_from_pretrained, str(folder), offline=True))
 
 
 def by_name(name: str) -> Parts:
-    """Load by name, from this machine. If the model is not there, print a message and ask the network."""
+    """Load a CLIP by name, see `offline_first`."""
+    return offline_first(name, partial(_from_pretrained, name))
+
+
+def read_folder(folder: Path, kind: str, read: Callable[[], Loaded]) -> Loaded:
+    """What ``read`` finds in a model's folder.
+
+    Args:
+        kind: of the model, in messages.
+
+    Raises:
+        OSError: something is missing or damaged; the message says what.
+    """
+    for part, names in WANTED.items():
+        if not any((folder / name).is_file() for name in names):
+            raise OSError(f"the {kind} folder {str(folder)!r} has no {part}: {names[0]} is missing")
     transformers.utils.logging.disable_progress_bar()
     try:
-        return _from_pretrained(name, offline=True)
+        return read()
+    except SafetensorError as error:
+        raise OSError(f"the weights in the {kind} folder {str(folder)!r} are cut off or damaged: {error}") from error
+    except (OSError, ValueError, RuntimeError, EOFError) as error:
+        reason = str(error).strip().partition("\n")[0]
+        raise OSError(f"the {kind} folder {str(folder)!r} could not be read: {reason}") from error
+
+
+def offline_first(name: str, read: Callable[[bool], Loaded]) -> Loaded:
+    """What ``read`` finds by a name on this machine. If it is not there, print a message and ask the network.
+
+    Args:
+        read: gets whether it must not ask the network, and raises OSError for what it does not find.
+    """
+    transformers.utils.logging.disable_progress_bar()
+    try:
+        return read(True)
     except OSError:
         pass
     print(f"{name} is not on this machine; asking Hugging Face (half a minute without a network) ...")
     transformers.utils.logging.enable_progress_bar()
     huggingface_hub.utils.logging.set_verbosity_error()
-    return _from_pretrained(name, offline=False)
+    return read(False)

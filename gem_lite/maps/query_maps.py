@@ -51,6 +51,8 @@ class MapConfig(PatchConfig):
         text_weight, image_weight: w1 and w2 of Eq. 4.
         conjuncts: whether "green and blue blocks" is two phrases, whose maps are joined.
         semantic_map: the name of a registered map source (`gem_lite.maps.sources`).
+        detector: the model of a map source that detects things, as a Hugging Face name or a folder
+            (`gem_lite.maps.detectors`); no other source reads it.
         own_crop: whether training may retrieve a crop of the step's own demonstration.
     """
 
@@ -58,6 +60,7 @@ class MapConfig(PatchConfig):
     image_weight: float = entry(0.2, number(0, 10))
     conjuncts: bool = entry(True, FLAG)
     semantic_map: str = entry("multi-view", TEXT)
+    detector: str = entry("", TEXT, added=True)
     own_crop: bool = entry(False, FLAG)
 
 

@@ -23,7 +23,7 @@ from gem_lite.config import (
     or_none,
     whole_number,
 )
-from gem_lite.maps import sources
+from gem_lite.maps import detectors, regions, sources  # noqa: F401 (the first two register sources)
 from gem_lite.maps.query_maps import MapConfig
 
 Kernels = Literal["steerable", "unrotated", "free"]

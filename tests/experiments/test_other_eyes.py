@@ -1,0 +1,65 @@
+"""Peaks of maps from other sources, on scenes with known things."""
+
+import numpy as np
+import pytest
+
+from experiments.other_eyes import peaks, pictures, scenes
+from gem_lite import tasks
+from gem_lite.evaluation import results
+from gem_lite.rgbd.heightmap import fuse_views
+
+
+def test_a_peak_of_many_cells_counts_by_the_share_on_the_thing():
+    cells = np.zeros((10, 10), bool)
+    cells[2:4, 2:4] = True
+    semantic = np.zeros((10, 10), np.float32)
+    assert peaks.share_on(semantic, cells) == 0, "a map that is 0 everywhere points at nothing"
+    semantic[5, 5] = 0.9
+    assert peaks.share_on(semantic, cells) == 0
+    semantic[4, 4] = 1.0
+    assert peaks.share_on(semantic, cells) == 1, "a cell beside the thing counts"
+    semantic[7, 7:9] = 1.0
+    assert peaks.share_on(semantic, cells) == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize(("kind", "roles"), [(scenes.BOWLS, ("pick", "place")), (scenes.TOUCHING, ("pick",))])
+def test_a_questions_cells_show_the_named_colour(kind, roles):
+    with scenes.world_of(kind) as world:
+        scene = scenes.look(world, kind, "val", 1)
+        again = scenes.look(world, kind, "val", 1)
+    assert tuple(question.role for question in scene.questions) == roles
+    workspace = scenes.configuration(kind).workspace
+    table = fuse_views(scene.views, workspace).rgb.astype(int)
+    for question, same in zip(scene.questions, again.questions, strict=True):
+        assert question.phrase == same.phrase and np.array_equal(question.cells, same.cells)
+        assert 20 < question.cells.sum() < question.cells.size / 10
+        on_thing = np.median(table[question.cells], axis=0)
+        assert np.abs(on_thing - np.median(table.reshape(-1, 3), axis=0)).max() > 40
+
+
+def test_the_touching_blocks_touch():
+    task = scenes.make(scenes.TOUCHING, "test")
+    with scenes.world_of(scenes.TOUCHING) as world:
+        world.reset(task, tasks.episode_seed("test", 0))
+        one, other, alone = (world.pose(body)[0] for body in world.bodies)
+    between = one.inverse() @ other
+    assert np.hypot(between.x, between.y) == pytest.approx(scenes.BETWEEN_MIDDLES, abs=0.001)
+    assert np.hypot(one.x - alone.x, one.y - alone.y) > 0.04
+
+
+def test_peaks_are_filed_and_a_region_of_two_blocks_is_half_right(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    rows = peaks.measure(("multi-view", "regions"), (scenes.TOUCHING,), 2, "", None, path)
+    assert results.read_rows(path) == rows
+    whole, regions = rows
+    assert (whole["method"], regions["method"]) == ("multi-view", "regions")
+    assert whole["config_hash"] != regions["config_hash"] and whole["clip_fingerprint"] == regions["clip_fingerprint"]
+    assert whole["mean"] > regions["mean"]
+    assert all(0.3 < share < 0.75 or share == 0 for share in regions["rewards"].values())
+    assert "touching-blocks" in peaks.described(rows)
+
+
+def test_pictures_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "SHOWN", {scenes.TOUCHING: ""})
+    (path,) = pictures.draw(tmp_path / "new", 0, ("regions",), "", None)
+    assert path.stat().st_size > 2000
