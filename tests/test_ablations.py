@@ -29,7 +29,7 @@ WORDS_DIFFER = {"without-parsing", "without-location-code"}
 """Ablations that change the words which the networks get."""
 INPUTS_DIFFER = WORDS_DIFFER | {
     "without-semantic-map", "with-single-view", "with-matched-single-view", "without-image-map",
-    "with-part-crops", "with-dense-map",
+    "with-part-crops", "with-dense-map", "with-region-map",
 }  # fmt: skip
 """Ablations that change what the networks see."""
 

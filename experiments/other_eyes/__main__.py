@@ -16,7 +16,7 @@ def pictures(
     Args:
         out: folder of the PNGs
         episode: number of the validation episode
-        sources: map sources (without it: multi-view and regions)
+        sources: map sources (without it: multi-view, dense and regions)
         detector: Hugging Face name or folder of a detector, for the source owl-vit or grounding-dino
 
     Examples:
@@ -43,7 +43,7 @@ def peaks(
         scenes: number of test scenes of each kind
         kinds: kinds of scenes: put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen, touching-blocks
             (without it: all)
-        sources: map sources (without it: multi-view, single-view and regions)
+        sources: map sources (without it: multi-view, single-view, dense and regions)
         detector: Hugging Face name or folder of a detector, for the source owl-vit or grounding-dino
 
     Examples:

@@ -21,7 +21,7 @@ from gem_lite import clip
 from gem_lite.evaluation import results
 from gem_lite.maps.sources import SOURCES, MapSource
 
-USUAL = ("multi-view", "single-view", "regions")
+USUAL = ("multi-view", "single-view", "dense", "regions")
 IDENTITY = ("kind", "method", "detector", "task", "subset", "world", "clip_fingerprint", "config_hash")
 """The entries that identify a row of the results."""
 EQUAL = 1e-6

@@ -11,7 +11,7 @@ from drawings import plot_real_table
 from experiments.other_eyes import peaks, scenes
 from gem_lite.rgbd.heightmap import fuse_views
 
-USUAL = ("multi-view", "regions")
+USUAL = ("multi-view", "dense", "regions")
 SHOWN = {scenes.BOWLS: "", scenes.PARTS: "mug handle", scenes.TOUCHING: ""}
 """The kinds of scenes, and the phrase that a sentence must hold."""
 

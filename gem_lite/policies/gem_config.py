@@ -58,6 +58,7 @@ ABLATIONS = {
         {"top_patch": 0.03, "top_stride": 0.0075},
     ),
     "with-dense-map": Ablation("each view is embedded in one pass, not patch by patch", {"semantic_map": "dense"}),
+    "with-region-map": Ablation("each thing that rises is one picture, as for a detector", {"semantic_map": "regions"}),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
@@ -72,9 +73,9 @@ ABLATIONS = {
 
 Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel; ``with-matched-single-view``, a fairer
 rival of several views; ``with-part-crops``, whose sizes `experiments.clip_tabletop crop-search` chose;
-``with-dense-map``, another map source; ``keeps-own-crop``, which is what the paper's training does (A.3); and the
-endings that switch off our additions: narrow patches, recolouring, map scaling, conjuncts, location words, empty spots;
-two other encoders; and the product rule of A.1.6 over several picks."""
+``with-dense-map`` and ``with-region-map``, other map sources; ``keeps-own-crop``, which is what the paper's training
+does (A.3); and the endings that switch off our additions: narrow patches, recolouring, map scaling, conjuncts, location
+words, empty spots; two other encoders; and the product rule of A.1.6 over several picks."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ ABLATION_NAMES = {
     "keeps-own-crop": "keeps its own crop",
     "with-part-crops": "crops of 30 mm",
     "with-dense-map": "one pass for each view",
+    "with-region-map": "a thing is one region",
     "without-rotation-augmentation": "no turned pictures",
     "without-map-scaling": "no rescaled maps",
     "without-conjuncts": '"and" as one phrase',
