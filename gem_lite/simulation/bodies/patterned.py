@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import pybullet as p
 import trimesh
 from shapely import Point, Polygon, affinity, box, union_all
 from shapely.ops import nearest_points

@@ -125,7 +125,8 @@ def _tiger() -> np.ndarray:
 def _magma() -> np.ndarray:
     """Glowing cracks in black rock."""
     crack = np.clip(1 - np.abs(_waves(5, 3, 9)) / 0.22, 0, 1)
-    return np.where((crack > 0.55)[..., None], _blend(crack, (250, 60, 0), (255, 225, 90)), _blend(crack, BLACK, (190, 20, 0)))
+    glow = _blend(crack, (250, 60, 0), (255, 225, 90))
+    return np.where((crack > 0.55)[..., None], glow, _blend(crack, BLACK, (190, 20, 0)))
 
 
 def _rainbow() -> np.ndarray:
