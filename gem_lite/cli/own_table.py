@@ -106,7 +106,7 @@ def look(
     observation = Observation.load(folder)
     gem = load(policy, rectangle, clip)
     scene = gem.embed(observation.views)
-    asked = read(gem, text, pick, place)
+    asked = read(gem, text) if pick is None and place is None else things(text, pick, place)
     action = gem.act(observation, asked) if isinstance(asked, Queries) else None
     queries = [asked.pick, asked.place] if isinstance(asked, Queries) else [asked]
     maps = {str(query): gem.maps(scene, query) for query in queries}
@@ -154,21 +154,10 @@ def load(checkpoint: Path, rectangle: tuple[float, float, float, float] | None, 
     return policy
 
 
-def read(policy: gem.Gem, text: str, pick: str | None, place: str | None) -> Queries | ThingQuery:
-    """The queries of a sentence, or one thing: from a text, or from things of which each may be a picture.
-
-    Raises:
-        FileNotFoundError: there is no such picture.
-        ValueError: there is a text besides things, or nothing; the text is neither a sentence nor a thing, or a file is
-            no picture.
-    """
+def read(policy: gem.Gem, text: str) -> Queries | str:
+    """The queries of a sentence, or the phrase of a thing. Raises ValueError if the text is neither."""
     from gem_lite import language
 
-    if bool(text) == bool(pick or place):
-        raise ValueError("text must be a sentence or a thing, or else --pick or --place must name one")
-    if not text:
-        things = [thing(name) for name in (pick, place) if name]
-        return language.Queries(*things) if len(things) == 2 else things[0]
     try:
         return policy.read(text)
     except ValueError as error:
@@ -178,8 +167,23 @@ def read(policy: gem.Gem, text: str, pick: str | None, place: str | None) -> Que
             raise ValueError(f"text must be a sentence or name a thing: {error}") from None
 
 
+def things(text: str, pick: str | None, place: str | None) -> Queries | ThingQuery:
+    """The queries of --pick and --place, or the one thing if there is one of them.
+
+    Raises:
+        FileNotFoundError: there is no such picture.
+        ValueError: there is a text, too; or a name is no thing, or a file is no picture.
+    """
+    from gem_lite import language
+
+    if text:
+        raise ValueError(f"text must be empty besides --pick or --place, got {text!r}")
+    named = [thing(name) for name in (pick, place) if name is not None]
+    return language.Queries(*named) if len(named) == 2 else named[0]
+
+
 def thing(name: str) -> ThingQuery:
-    """A thing by its words, or by its picture if the name ends with .png. Raises ValueError as `read`."""
+    """A thing by its words, or by its picture if the name ends with .png. Raises as `things`."""
     from gem_lite import language
 
     return language.read_picture(name) if name.lower().endswith(".png") else language.parse_thing(name)

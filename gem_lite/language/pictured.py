@@ -12,7 +12,7 @@ from gem_lite.rgbd import png
 _SLOT = re.compile(r"\{(\d+)\}")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PictureSentence:
     """A sentence with pictures: "put {0} into {1}" and two pictures, or "put {0} in the brown box" and one.
 

@@ -28,6 +28,8 @@ NEAR = 0.1
 ACTS = 5
 LAYOUTS = 100
 """So many layouts are tried until one can be won."""
+MARGIN = 0.05
+"""A portrait is so much larger than the thing, as a share of the thing's side."""
 SMALLEST_PORTRAIT = 0.125
 """A portrait shows at least a square of this side (m), which is that of a demonstration's crop."""
 
@@ -76,7 +78,12 @@ class Thing:
 
     def portrait(self) -> np.ndarray:
         """It alone, unturned, from above."""
-        return portrait(self.add, max(SMALLEST_PORTRAIT, patterned.portrait_side(self.name, self.sides)))
+        x, y, side = patterned.square(self.name, self.sides)
+
+        def put(client: int, middle: Pose2) -> Body:
+            return self.add(client, middle @ Pose2(-x, -y))
+
+        return portrait(put, max(SMALLEST_PORTRAIT, (1 + MARGIN) * side))
 
 
 @register("visual-manipulation", {level: {"level": level} for level in LISTS})

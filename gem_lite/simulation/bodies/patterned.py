@@ -187,6 +187,8 @@ def _add_pan(client: int, pose: Pose2) -> Body:
     return shapes.create_body(client, collision, visual, pose, DISH.height / 2, 0.0, movable=False, parts=parts)
 
 
-def portrait_side(name: str, sides: tuple[float, float] = CONTAINER_SIDES) -> float:
-    """The side (m) of a square picture from above that shows the whole thing, its origin in the middle."""
-    return 2.1 * float(np.abs(mesh(name, sides).vertices[:, :2]).max())
+def square(name: str, sides: tuple[float, float] = CONTAINER_SIDES) -> tuple[float, float, float]:
+    """The least square around a thing: x and y of its middle in the thing's frame, and its side (m)."""
+    low, high = mesh(name, sides).bounds[:, :2]
+    x, y = ((low + high) / 2).tolist()
+    return x, y, float((high - low).max())

@@ -37,11 +37,15 @@ def _blend(share: np.ndarray | float, first: Color, second: Color) -> np.ndarray
     return (1 - mixed) * np.array(first) + mixed * np.array(second)
 
 
-def _cells(side: float, shifted: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """The place (m) of each pixel from the middle of its square cell. ``shifted``: every second row by half a cell."""
-    row = np.floor(_Y / side)
-    x = _X + side / 2 * (row % 2) if shifted else _X
-    return x % side - side / 2, _Y % side - side / 2
+def _cells(side: float, above: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """The place (m) of each pixel from the middle of its square cell. Every second row is moved by half a cell.
+
+    Args:
+        above: the cells lie so much (m) higher.
+    """
+    y = _Y + above
+    x = _X + side / 2 * (np.floor(y / side) % 2)
+    return x % side - side / 2, y % side - side / 2
 
 
 def _waves(seed: int, slowest: int, fastest: int, count: int = 40) -> np.ndarray:
@@ -61,21 +65,21 @@ def _stripes(first: Color, second: Color) -> np.ndarray:
 
 
 def _dots(ground: Color, dot: Color) -> np.ndarray:
-    x, y = _cells(0.032, shifted=True)
+    x, y = _cells(0.032)
     return _blend(np.hypot(x, y) < 0.0105, ground, dot)
 
 
 def _swirl(color: Color) -> np.ndarray:
     """White spirals on a colour."""
-    x, y = _cells(0.08, shifted=True)
+    x, y = _cells(0.08, above=0.04)  # So that the edges of a frame go through spirals.
     radius = np.hypot(x, y)
     arm = np.sin(2 * np.arctan2(y, x) + radius / 0.0045) > 0.2
-    return _blend(arm & (radius < 0.039), color, WHITE)
+    return _blend(arm & (radius < 0.042), color, WHITE)
 
 
 def _paisley(color: Color) -> np.ndarray:
     """Bent drops of a colour with a pale eye, on a pale ground."""
-    x, y = _cells(0.04, shifted=True)
+    x, y = _cells(0.04)
     x = x + 18 * y**2 * (y > -0.005) - 0.002  # The tip bends.
     half_width = 0.013 * np.sqrt(np.clip((y + 0.018) / 0.012, 0, 1)) * np.clip((0.018 - y) / 0.024, 0, 1) ** 0.8
     drop = np.abs(x) < half_width
