@@ -66,8 +66,8 @@ def test_a_picture_is_no_part_of_a_phrase(text):
 
 def test_a_sentence_holds_each_picture_once():
     assert str(BOTH) == "put [mug] into [box]"
-    assert BOTH == PictureSentence("put {0} into {1}", (ImageQuery(RED.copy(), "mug"), BOX))
-    assert BOTH != PictureSentence("put {0} into {1}", (ImageQuery(GREEN, "mug"), BOX))
+    assert PictureSentence("put {0} into {1}", (ImageQuery(RED.copy(), "mug"), BOX)) == BOTH
+    assert PictureSentence("put {0} into {1}", (ImageQuery(GREEN, "mug"), BOX)) != BOTH
     assert len({BOTH, PictureSentence("put {0} into {1}", (ImageQuery(RED.copy(), "mug"), BOX))}) == 1
     for text, count in (("put {0} into {0}", 2), ("put {0} into {2}", 2), ("put it there", 0), ("put {0} there", 2)):
         with pytest.raises(ValueError, match="text must hold each of"):
@@ -100,9 +100,9 @@ def test_a_person_names_the_pictures_of_a_recording(tmp_path, observation):
     assert record("put {0} in the box", "my mug.png") == Queries(
         ImageQuery(np.full((4, 6, 3), 200, np.uint8), "my mug"), "box"
     )
-    with pytest.raises(FileNotFoundError, match="there is no picture .*hat.png"):
+    with pytest.raises(FileNotFoundError, match=r"there is no picture .*hat\.png"):
         record("put {0} in the box", "hat.png")
-    with pytest.raises(ValueError, match="action.json pictures 0 .* got '../mug.png'"):
+    with pytest.raises(ValueError, match=r"action.json pictures 0 .* got '../mug.png'"):
         record("put {0} in the box", "../mug.png")
     with pytest.raises(ValueError, match=r"action.json: text must hold each of 1 pictures once, as \{0\}"):
         record("put the mug in the box", "my mug.png")

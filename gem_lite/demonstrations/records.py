@@ -12,7 +12,8 @@ These entries may be missing: the symmetries (`ExpertAction`), ``pick_table``, `
 ``reward``, and ``trace``: rows of x, y, yaw and whether the tool holds something.
 
 A sentence may hold pictures in the places of phrases: ``"sentence": "put {0} into {1}", "pictures": ["mug.png",
-"box.png"]`` (`language.PictureSentence`). The pictures are PNG files in the step's folder.
+"box.png"]`` (`language.PictureSentence`). The pictures are PNG files in the step's folder;
+very large ones are made smaller (`png.decode_any`).
 
 An episode of our tasks has a file ``episode.json``, too: ``{"version": 1, "task": ..., "split": ..., "seed": ...,
 "world": ...}``.
