@@ -15,7 +15,7 @@ from gem_lite.foundations.files import DATA, write_atomically
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gem_lite.language import Queries
+    from gem_lite.language import Queries, ThingQuery
     from gem_lite.policies import gem
 
 SHIPPED = DATA / "gem-multi.safetensors"
@@ -34,6 +34,8 @@ Rectangle = Annotated[
     tuple[float, float, float, float] | None,
     Parameter(help="x_min x_max y_min y_max (m) of the table (without it: the policy's own rectangle)"),
 ]
+Picked = Annotated[str | None, Parameter(help="what to pick: a thing, or the PNG file of its picture")]
+Placed = Annotated[str | None, Parameter(help="where to place it: a thing, or the PNG file of its picture")]
 
 
 def check_cameras(
@@ -77,14 +79,15 @@ def check_cameras(
 
 
 def look(
-    folder: Folder, text: str, /, *, out: Out = None, policy: Policy = SHIPPED, rectangle: Rectangle = None,
-    clip: Clip = None,
+    folder: Folder, text: str = "", /, *, pick: Picked = None, place: Placed = None, out: Out = None,
+    policy: Policy = SHIPPED, rectangle: Rectangle = None, clip: Clip = None,
 ) -> None:  # fmt: skip
     """What does the policy see?
 
     Writes the height map, the maps of each phrase and its best places. It says
     if nothing on the table fits a phrase. A whole sentence ("put the red block
-    in the blue bowl") also gives the pick and the place.
+    in the blue bowl") also gives the pick and the place. So do --pick and
+    --place, each a thing or a picture of one.
 
     Args:
         text: a thing, or a whole sentence
@@ -92,24 +95,26 @@ def look(
     Examples:
       gem-lite look data/foreign-scenes/kitchen "red mug"
       gem-lite look data/foreign-scenes/workbench "put the red block in the blue bowl"
+      gem-lite look data/foreign-scenes/kitchen --pick mug.png --place "brown box"
     """
     from gem_lite.actions import PickPlace
     from gem_lite.drawing import plot_own_table, plots
+    from gem_lite.language import Queries
     from gem_lite.maps import places, refusal
     from gem_lite.rgbd.observation import Observation
 
     observation = Observation.load(folder)
     gem = load(policy, rectangle, clip)
     scene = gem.embed(observation.views)
-    queries = read(gem, text)
-    action = None if isinstance(queries, str) else gem.act(observation, queries)
-    phrases = [queries] if isinstance(queries, str) else [str(queries.pick), str(queries.place)]
-    maps = {phrase: gem.maps(scene, phrase) for phrase in phrases}
-    parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in phrases for name in ("text", "image")}
-    fused = {phrase: maps[phrase].fused for phrase in phrases}
+    asked = read(gem, text) if pick is None and place is None else things(text, pick, place)
+    action = gem.act(observation, asked) if isinstance(asked, Queries) else None
+    queries = [asked.pick, asked.place] if isinstance(asked, Queries) else [asked]
+    maps = {str(query): gem.maps(scene, query) for query in queries}
+    parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in maps for name in ("text", "image")}
+    fused = {phrase: maps[phrase].fused for phrase in maps}
     seen = scene.heightmap.seen
     best = {phrase: places.best_places(semantic, seen, gem.config) for phrase, semantic in fused.items()}
-    refusals = {phrase: refusal.refusal(scene, [phrase], gem.source) for phrase in phrases}
+    refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
     shown = action if isinstance(action, PickPlace) else None
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
@@ -117,7 +122,7 @@ def look(
         "look": plot_own_table.show_look(scene.heightmap, fused, best, shown),
     }
     content = {
-        "text": text,
+        "text": text or str(asked),
         "places": {phrase: [dataclasses.asdict(place) for place in of_phrase] for phrase, of_phrase in best.items()},
         "refusals": refusals,
         "action": None if action is None else dataclasses.asdict(action),
@@ -160,6 +165,28 @@ def read(policy: gem.Gem, text: str) -> Queries | str:
             return language.parse_thing(text)
         except ValueError:
             raise ValueError(f"text must be a sentence or name a thing: {error}") from None
+
+
+def things(text: str, pick: str | None, place: str | None) -> Queries | ThingQuery:
+    """The queries of --pick and --place, or the one thing if there is one of them.
+
+    Raises:
+        FileNotFoundError: there is no such picture.
+        ValueError: there is a text, too; or a name is no thing, or a file is no picture.
+    """
+    from gem_lite import language
+
+    if text:
+        raise ValueError(f"text must be empty besides --pick or --place, got {text!r}")
+    named = [thing(name) for name in (pick, place) if name is not None]
+    return language.Queries(*named) if len(named) == 2 else named[0]
+
+
+def thing(name: str) -> ThingQuery:
+    """A thing by its words, or by its picture if the name ends with .png. Raises as `things`."""
+    from gem_lite import language
+
+    return language.read_picture(name) if name.lower().endswith(".png") else language.parse_thing(name)
 
 
 def draw(figures: dict[str, Figure], out: Path | None, scene: Path) -> Path:

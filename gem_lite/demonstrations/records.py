@@ -11,6 +11,10 @@ the place is the tool's final yaw. A push has ``"kind": "push"``, and ``start`` 
 These entries may be missing: the symmetries (`ExpertAction`), ``pick_table``, ``place_table`` and ``table`` (0),
 ``reward``, and ``trace``: rows of x, y, yaw and whether the tool holds something.
 
+A sentence may hold pictures in the places of phrases: ``"sentence": "put {0} into {1}", "pictures": ["mug.png",
+"box.png"]`` (`language.PictureSentence`). The pictures are PNG files in the step's folder;
+very large ones are made smaller (`png.decode_any`).
+
 An episode of our tasks has a file ``episode.json``, too: ``{"version": 1, "task": ..., "split": ..., "seed": ...,
 "world": ...}``.
 """
@@ -23,14 +27,17 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from gem_lite import language
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
 from gem_lite.foundations.files import unchanged, write_together, writing
 from gem_lite.foundations.forms import Form, Text, Whole
+from gem_lite.language import Instruction
+from gem_lite.rgbd import png
 from gem_lite.rgbd.observation import DEPTH_SCALE, Observation, depth_steps
 from gem_lite.se2 import Pose2
 
@@ -38,6 +45,8 @@ ACTION_FILE = "action.json"
 EPISODE_FILE = "episode.json"
 OWN_WORLD = "own"
 """The world of demonstrations that were recorded on a table outside this library."""
+_FILE_NAME = r"^[^/\\\x00]+\.png$"
+"""A name that contains a folder could point outside the step's."""
 
 
 class PoseEntry(Form):
@@ -53,6 +62,7 @@ class ActionFile(Form):
 
     version: Literal[1]
     sentence: Text
+    pictures: tuple[Annotated[str, Field(pattern=_FILE_NAME)], ...] = ()
     kind: Literal["pick-place", "push"] = "pick-place"
     pick: PoseEntry | None = None
     place: PoseEntry | None = None
@@ -71,6 +81,19 @@ class ActionFile(Form):
         if self.kind == "push":
             return Push(self._pose("start"), self._pose("end"), self.table)
         return PickPlace(self._pose("pick"), self._pose("place"), self.pick_table, self.place_table)
+
+    def instruction(self, folder: Path) -> Instruction:
+        """The sentence, with its pictures from a folder.
+
+        Raises:
+            FileNotFoundError: a picture is missing.
+            ValueError: a file is no picture, or the sentence does not hold each picture once.
+        """
+        if not self.pictures:
+            return self.sentence
+        pictures = [language.read_picture(folder / name) for name in self.pictures]
+        named = [dataclasses.replace(one, name=Path(one.name).stem) for one in pictures]
+        return language.PictureSentence(self.sentence, tuple(named))
 
     def _pose(self, name: str) -> Pose2:
         entry = getattr(self, name)
@@ -95,7 +118,7 @@ class DemonstrationStep:
 
     Attributes:
         observation: the pictures before the action.
-        instruction: the sentence.
+        instruction: the sentence, with or without pictures.
         expert: the expert's action.
         trace: the states of the gripper during the action. Without any, those of a pick and place are the grasp and
             the release where the action says, as if the tool had measured them.
@@ -106,13 +129,13 @@ class DemonstrationStep:
     """
 
     observation: Observation
-    instruction: str
+    instruction: Instruction
     expert: ExpertAction
     trace: tuple[GripperState, ...] = ()
     reward: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.instruction.strip():
+        if isinstance(self.instruction, str) and not self.instruction.strip():
             raise ValueError("the sentence is empty: say what to pick and where to place it")
         action = self.expert.action
         for name, pose in vars(action).items():
@@ -140,7 +163,7 @@ class DemonstrationStep:
         if not path.exists():
             raise FileNotFoundError(f"{folder} holds no recorded step: there is no {ACTION_FILE} in it")
         with unchanged(path):
-            return step_of(path.read_bytes(), path, Observation.load(folder))
+            return step_of(path.read_bytes(), path, Observation.load(folder), Path(folder))
 
     def save(self, folder: Path | str, depth_scale: float = DEPTH_SCALE) -> None:
         """Write the step into a folder, for `load`: pictures and action together, or neither.
@@ -160,23 +183,41 @@ class DemonstrationStep:
         """The files that `save` writes, and what they hold; action.json is the last."""
         expert = self.expert
         kind = "push" if isinstance(expert.action, Push) else "pick-place"
+        pictures: dict[str, bytes] = {}
+        sentence = self.instruction
+        if isinstance(sentence, language.PictureSentence):
+            pictures = {f"picture-{i}.png": png.encode(one.picture) for i, one in enumerate(sentence.pictures)}
+            sentence = sentence.text
         content = {
-            "version": 1, "sentence": self.instruction, "kind": kind, **dataclasses.asdict(expert.action),
+            "version": 1, "sentence": sentence, "kind": kind, **dataclasses.asdict(expert.action),
             "pick_symmetry": expert.pick_symmetry, "place_symmetry": expert.place_symmetry, "reward": self.reward,
             "trace": self.trace,
         }  # fmt: skip
+        if pictures:
+            content["pictures"] = [*pictures]
         contents = self.observation.contents(folder, depth_scale)
+        contents |= {Path(folder) / name: picture for name, picture in pictures.items()}
         contents[Path(folder) / ACTION_FILE] = json.dumps(content, indent=1).encode()
         return contents
 
 
-def step_of(content: bytes | str, path: object, observation: Observation) -> DemonstrationStep:
-    """The step with the content of a file action.json, which ``path`` names. Raises ValueError if it is not allowed."""
+def step_of(
+    content: bytes | str, path: object, observation: Observation, folder: Path = Path()
+) -> DemonstrationStep:  # fmt: skip
+    """The step with the content of a file action.json, which ``path`` names.
+
+    Args:
+        folder: holds the sentence's pictures.
+
+    Raises:
+        FileNotFoundError: a picture is missing.
+        ValueError: the content is not allowed.
+    """
     file = ActionFile.read(content, path)
     trace = tuple(GripperState(*state) for state in file.trace)
     try:
         expert = ExpertAction(file.action(), file.pick_symmetry, file.place_symmetry)
-        return DemonstrationStep(observation, file.sentence, expert, trace, file.reward)
+        return DemonstrationStep(observation, file.instruction(folder), expert, trace, file.reward)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from gem_lite.actions import Action, ExpertAction, PickPlace, Push
+from gem_lite.language import Instruction
 from gem_lite.policies.choosing import Choice, TablesChoice
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.tags import LocalisationError
@@ -38,7 +39,7 @@ class Turn:
     """
 
     observations: Observations
-    instruction: str
+    instruction: Instruction
     decision: Chosen
     placed: set[int]
     picked: int | None

@@ -38,14 +38,15 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from gem_lite.language import phrases, word_lists
+from gem_lite.language.pictured import Instruction, PictureSentence
 from gem_lite.language.queries import PARSERS, Queries
 from gem_lite.language.word_lists import BETWEEN, DETERMINERS, PARTICLES, PLACING, RELATIONS, SIDES, VERBS
 
 EXAMPLE = 'for example "put the red block in the green bowl"'
 
 
-def parse(instruction: str) -> Queries:
-    """Split an instruction into what to pick and where to place it.
+def parse(instruction: Instruction) -> Queries:
+    """Split an instruction into what to pick and where to place it. Its pictures are things, too.
 
     "put the red blocks in a green bowl" gives "red blocks" and "green bowl"; "grasp the scissors by its handle and
     place into the brown box" gives "scissors handle" and "brown box"; "put the fork between the mug and the box" gives
@@ -55,6 +56,8 @@ def parse(instruction: str) -> Queries:
         ValueError: the instruction is empty, starts with no known verb, names no pick or no place, or has words
             that the grammar does not cover: a second clause, "from ... to ...", "near ...", "gently".
     """
+    if isinstance(instruction, PictureSentence):
+        return instruction.queries(parse)[0]
     if not isinstance(instruction, str) or not instruction.strip():
         raise ValueError(f"the instruction is empty; say what to pick and where to place it, {EXAMPLE}")
     return _Reader(instruction).queries()

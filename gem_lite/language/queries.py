@@ -13,7 +13,7 @@ from gem_lite.language import phrases
 
 @dataclass(frozen=True, eq=False)
 class ImageQuery:
-    """A picture of the thing that is meant, in the place of a phrase.
+    """A picture of the thing that is meant, in the place of a phrase. Two are equal if picture and name are.
 
     Attributes:
         picture: (H, W, 3) uint8.
@@ -30,6 +30,14 @@ class ImageQuery:
         shape = self.picture.shape
         if len(shape) != 3 or shape[-1] != 3 or 0 in shape or self.picture.dtype != np.uint8:
             raise ValueError(f"picture must be (H, W, 3) uint8, got {shape} {self.picture.dtype}")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ImageQuery):
+            return NotImplemented
+        return self.name == other.name and np.array_equal(self.picture, other.picture)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.picture.tobytes()))
 
     def __str__(self) -> str:
         return self.name

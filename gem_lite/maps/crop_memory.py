@@ -15,7 +15,7 @@ from gem_lite import language
 from gem_lite.actions import GripperState, Push
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
-from gem_lite.language import Queries
+from gem_lite.language import Instruction, Queries
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
@@ -164,7 +164,7 @@ def numbered(demonstrations: Iterable[Demonstration]) -> Iterator[tuple[EpisodeK
 
 def collect_crops(
     demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
-    read: Callable[[str], Queries] = language.parse,
+    read: Callable[[Instruction], Queries] = language.parse,
 ) -> Iterator[CropEntry]:  # fmt: skip
     """The crops of every event of the demonstrations, from before the action (Sec. 3.1).
 

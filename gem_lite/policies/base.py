@@ -23,7 +23,7 @@ from gem_lite.actions import Action
 from gem_lite.clip import Clip
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.foundations.registry import Registry
-from gem_lite.language import Queries, Query, Spot, is_relation
+from gem_lite.language import Instruction, Queries, Query, Spot, is_relation
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
@@ -173,7 +173,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
     def score_place(self, inputs: Inputs, picks: torch.Tensor) -> torch.Tensor:
         """Logits (B, R, H, W) of a place at each pixel, turned by each angle, after ``picks`` at pixels (B, 2)."""
 
-    def goals(self, instruction: str | Queries) -> tuple[Queries, ...]:
+    def goals(self, instruction: Instruction | Queries) -> tuple[Queries, ...]:
         """The queries of each goal of an instruction, in the order in which to reach them. `Queries` are one goal.
 
         Raises:
@@ -181,16 +181,17 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """
         if isinstance(instruction, Queries):
             return (instruction,)
-        parsed = self.parser(instruction)
-        goals = (parsed,) if isinstance(parsed, Queries) else parsed
+        goals = language.read_goals(instruction, self.parser)
         if self.config.parsing:
             return goals
+        if not isinstance(instruction, str):
+            raise ValueError(f"{self.name} reads whole sentences of words, got one with pictures: {instruction}")
         for goal in goals:
             if is_relation(goal.place):
                 raise ValueError(f"{self.name} reads whole sentences and has no map of a place {str(goal.place)!r}")
         return (Queries(instruction, instruction, goals[0].push),)
 
-    def read(self, instruction: str | Queries, reached: Collection[Queries] = ()) -> Queries:
+    def read(self, instruction: Instruction | Queries, reached: Collection[Queries] = ()) -> Queries:
         """The queries to act on: those of the first goal that is not ``reached``.
 
         Raises:
@@ -299,11 +300,14 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """Maps that restrict "pick" and "place" where the policy acts (`policies.choosing`). Most methods have none."""
         return {}
 
-    def act(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Action:
+    def act(
+        self, observation: Observation, instruction: Instruction | Queries, empty_picks: Sequence[Pose2] = ()
+    ) -> Action:
         """One pick and place; or one push, if the sentence says "push".
 
         Args:
-            instruction: a sentence, or the two queries. Of several goals, it acts on the first (`read` gives others).
+            instruction: a sentence, with or without pictures, or the two queries. Of several goals, it acts on the
+                first (`read` gives others).
             empty_picks: poses at which the tool has grasped nothing since it last held something, from its own log.
                 The pick keeps away from them (`Config.empty_radius`).
 
@@ -313,13 +317,15 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """
         return self.decide(observation, instruction, empty_picks).action
 
-    def decide(self, observation: Observation, instruction: str | Queries, empty_picks: Sequence[Pose2] = ()) -> Choice:
+    def decide(
+        self, observation: Observation, instruction: Instruction | Queries, empty_picks: Sequence[Pose2] = ()
+    ) -> Choice:
         """As `act`, with the logits from which the action was read."""
         chosen, (details,) = self._decide([observation], instruction, empty_picks)
         return self.choice(**vars(chosen.first()), **details)
 
     def decide_over(
-        self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2] = ()
+        self, observations: Sequence[Observation], instruction: Instruction | Queries, empty_picks: Sequence[Pose2] = ()
     ) -> TablesChoice:
         """As `decide`, over several tables, of which each keeps away from ``empty_picks``.
 
@@ -332,7 +338,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         return self._decide(observations, instruction, empty_picks)[0]
 
     def _decide(
-        self, observations: Sequence[Observation], instruction: str | Queries, empty_picks: Sequence[Pose2]
+        self, observations: Sequence[Observation], instruction: Instruction | Queries, empty_picks: Sequence[Pose2]
     ) -> tuple[TablesChoice, Sequence[dict[str, Any]]]:
         queries = self.read(instruction)
         scenes = [self.embed(observation.views) for observation in observations]

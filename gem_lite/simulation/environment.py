@@ -12,6 +12,7 @@ import numpy as np
 import pybullet as p
 
 from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
+from gem_lite.language import Instruction
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.sensor_errors import corrupt, draw_different_units
@@ -51,7 +52,7 @@ class PlayedTask(Protocol):
     max_steps: int
 
     @property
-    def instruction(self) -> str:
+    def instruction(self) -> Instruction:
         """The present sentence."""
 
     def reset(self, environment: Environment, rng: np.random.Generator, seed: int) -> None:

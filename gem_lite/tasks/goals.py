@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from gem_lite.actions import ExpertAction, PickPlace, Push
+from gem_lite.language import Instruction
 from gem_lite.se2 import Pose2, angle_off, wrap
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
@@ -137,7 +138,7 @@ class Goal:
     """One sentence and the scene that it demands.
 
     Attributes:
-        sentence: the instruction.
+        sentence: the instruction, with or without pictures.
         bodies: the bodies to move.
         targets: the possible targets. Each body may go to any of them, and several bodies may share one.
         metric: decides whether a body is at a target.
@@ -149,7 +150,7 @@ class Goal:
         rotations: whether the expert may turn the body. If not, the body keeps its yaw wherever the tool holds it.
     """
 
-    sentence: str
+    sentence: Instruction
     bodies: tuple[Body, ...]
     targets: tuple[Target, ...]
     metric: Metric
@@ -198,7 +199,7 @@ class Goal:
         at_targets = self.at_targets(environment)
         waiting = np.flatnonzero(~at_targets.any(axis=1))
         if len(waiting) == 0:
-            raise ValueError(f"the goal {self.sentence!r} is reached: no body is left to move")
+            raise ValueError(f"the goal {str(self.sentence)!r} is reached: no body is left to move")
         free = self.allowed & ~at_targets.any(axis=0)
         free = np.where(free.any(axis=1, keepdims=True), free, self.allowed)
         bodies = _positions([environment.pose(body)[0] for body in self.bodies])

@@ -10,6 +10,7 @@ import numpy as np
 
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.foundations import colors
+from gem_lite.language import Instruction
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS
@@ -90,7 +91,7 @@ class Task(ABC):
         return environment.add(body)
 
     @property
-    def instruction(self) -> str:
+    def instruction(self) -> Instruction:
         """The present sentence: all that a policy gets from a task. After the last goal, the last sentence stays.
 
         It is empty before `reset`.

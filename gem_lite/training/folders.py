@@ -102,7 +102,7 @@ def check_recorded(demos: DemonstrationSet, settings: Config) -> None:
                         "--config.rectangle sets another"
                     )
             try:
-                parser(step.instruction)
+                language.read_goals(step.instruction, parser)
             except ValueError as error:
                 raise ValueError(f"{where}: {error}") from error
 

@@ -25,6 +25,8 @@ Bounds = Sequence[Sequence[Sequence[float]]] | np.ndarray
 BLOCK_SIZE = 0.04
 PIECE_SIZE = 0.06
 PIECE_HEIGHT = 0.02
+TEXTURE_SIDE = 0.32
+"""A picture on a body (`textures`) covers a square of this side (m), and then begins again."""
 
 
 @dataclass(frozen=True)
@@ -171,8 +173,19 @@ def triangles(mesh: trimesh.Trimesh, lower: float) -> dict[str, list]:
         "vertices": corners.tolist(),
         "indices": list(range(len(corners))),
         "normals": np.repeat(mesh.face_normals, 3, axis=0).tolist(),
-        "uvs": np.zeros((len(corners), 2)).tolist(),
+        "uvs": _picture_coordinates(mesh).tolist(),
     }
+
+
+def _picture_coordinates(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(3 * triangles, 2): where each corner lies in a picture that is projected along the nearest axis of its face.
+
+    The middle of the picture lies in the origin. A body without a picture does not read them.
+    """
+    axes = np.abs(mesh.face_normals).argmax(axis=1)
+    other_axes = np.array([(1, 2), (0, 2), (0, 1)])[axes]
+    corners = np.take_along_axis(mesh.triangles, other_axes[:, None, :], axis=2)
+    return corners.reshape(-1, 2) / TEXTURE_SIDE + 1.5  # The renderer repeats a picture, but not below 0.
 
 
 def create_visual(client: int, mesh: trimesh.Trimesh, color: tuple[float, ...], lower: float) -> int:
@@ -296,14 +309,8 @@ def add_l_block(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
     return create_body(client, collision, visual, pose, 0.02, 0.03, True, parts=parts)
 
 
-def add_bowl(
-    client: int, color: tuple[float, ...], pose: Pose2, movable: bool, profile: BowlProfile = BOWL
-) -> Body:  # fmt: skip
-    """A bowl that really holds things: 15 slanted wall boxes and a floor.
-
-    PyBullet keeps at most 16 shapes for each body and drops the others without a warning.
-    """
-    sides = 15
+def bowl_boxes(profile: BowlProfile, sides: int = 15) -> tuple[list, list, list]:
+    """The slanted walls and the floor of a bowl, for `collide_boxes`; z = 0 is in the middle of its height."""
     slant = np.arctan2(profile.rim - profile.base, profile.height)
     radius = (profile.rim + profile.base) / 2 - profile.wall / 2
     half = [[profile.wall / 2, radius * np.tan(np.pi / sides) * 1.1, profile.height / 2 / np.cos(slant)]] * sides
@@ -315,7 +322,17 @@ def add_bowl(
     half.append([disc, disc, profile.floor / 2])
     positions.append([0, 0, (profile.floor - profile.height) / 2])
     turns.append([0, 0, 0, 1])
-    collision = collide_boxes(client, half, positions, turns)
+    return half, positions, turns
+
+
+def add_bowl(
+    client: int, color: tuple[float, ...], pose: Pose2, movable: bool, profile: BowlProfile = BOWL
+) -> Body:  # fmt: skip
+    """A bowl that really holds things: 15 slanted wall boxes and a floor.
+
+    PyBullet keeps at most 16 shapes for each body and drops the others without a warning.
+    """
+    collision = collide_boxes(client, *bowl_boxes(profile))
     visual = create_visual(client, bowl_mesh(profile), color, profile.height / 2)
     parts = [Part("", bowl_mesh(profile))]
     return create_body(client, collision, visual, pose, profile.height / 2, 0.1, movable, parts=parts)

@@ -27,7 +27,7 @@ def add_container(
     client: int, size: tuple[float, float], color: tuple[float, ...], pose: Pose2, height: float = CONTAINER_HEIGHT
 ) -> Body:  # fmt: skip
     """A fixed box, open on top; ``size`` (x, y metres) is measured between the middles of its walls."""
-    return _add_boxes(client, container_boxes(size, height), color, pose)
+    return add_boxes(client, container_boxes(size, height), color, pose)
 
 
 def container_boxes(size: tuple[float, float], height: float = CONTAINER_HEIGHT) -> list[Box]:
@@ -56,10 +56,11 @@ def add_l_fixture(client: int, color: tuple[float, ...], pose: Pose2) -> Body:
         ((low - t, high), (middle, high + t)),  # at its end
         ((low - t, low), (low, high)),  # left of it
     ]
-    return _add_boxes(client, floor + [((*lower, 0), (*upper, FIXTURE_HEIGHT)) for lower, upper in walls], color, pose)
+    return add_boxes(client, floor + [((*lower, 0), (*upper, FIXTURE_HEIGHT)) for lower, upper in walls], color, pose)
 
 
-def _add_boxes(client: int, boxes: Sequence[Box], color: tuple[float, ...], pose: Pose2) -> Body:
+def add_boxes(client: int, boxes: Sequence[Box], color: tuple[float, ...], pose: Pose2) -> Body:
+    """Boxes as one fixed body."""
     collision, mesh, lower = create_boxes(client, boxes)
     visual = create_visual(client, mesh, color, lower)
     parts = [Part("", mesh)]
