@@ -1,0 +1,34 @@
+"""Boxes in camera views: the figure of lesson 15."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, bare
+
+
+def show_boxes(
+    rows: Sequence[tuple[str, Sequence[np.ndarray], Sequence[Mapping[str, np.ndarray]]]],
+) -> Figure:
+    """Pictures of views, (H, W, 3), or maps of their pixels, (H, W), with boxes and what is written on them.
+
+    Args:
+        rows: a title, the panels, and the boxes of each panel by their labels: left, top, right, bottom in pixels.
+    """
+    columns = len(rows[0][1])
+    fig, axes = plt.subplots(
+        len(rows), columns, figsize=(3.1 * columns, 2.55 * len(rows)), squeeze=False, dpi=80, layout="constrained"
+    )
+    for line, (title, panels, boxes_of_panels) in zip(axes, rows, strict=True):
+        for number, (ax, panel, boxes) in enumerate(zip(line, panels, boxes_of_panels, strict=True)):
+            bare(ax, f"{title}, camera {number + 1}").imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=1)
+            for label, (left, top, right, bottom) in boxes.items():
+                size = (right - left, bottom - top)
+                ax.add_patch(Rectangle((left, top), *size, fill=False, color=PICK_COLOR, lw=1.4, path_effects=OUTLINE))
+                ax.text(left, top - 6, label, color="white", fontsize=8)
+    return fig
