@@ -331,6 +331,16 @@ def test_stored_results_are_shown(capsys):
         assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
 
 
+def test_rows_of_experiments_are_listed_and_shown(capsys):
+    folder = clip.DATA / "real-tables"
+    assert main(["results", "list", "--folder", str(folder)]) == 0
+    listed = capsys.readouterr().out
+    for path in folder.glob("*.jsonl"):
+        assert f"{path.stem}: {len(results.read_rows(path))} rows, of " in listed
+        assert main(["results", "show", str(path)]) == 0
+        assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
+
+
 def test_calibrate_writes_the_numbers_of_a_clip(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(calibration, "DATA", tmp_path)  # So that the embedded CLIP's own file stays as it is.

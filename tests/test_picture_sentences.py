@@ -147,6 +147,19 @@ def test_a_policy_follows_pictures(model, observation):
     assert all(math.isfinite(loss.item()) for loss in losses.values())
 
 
+def test_only_crops_that_words_name_are_remembered(model, observation):
+    long_name = "-".join(["4f2a"] * 20)  # more tokens than a phrase may have
+    mixed = PictureSentence("put {0} in the brown box", (ImageQuery(RED, long_name),))
+    demo = Demonstration("put", "train", 0, (DemonstrationStep(observation, mixed, ACTION, reward=1.0),))
+    policy = Gem(SMALL, model)
+    policy.remember([demo])
+    assert [entry.phrase for entry in policy.memory.entries] == ["brown box"]
+    pictures_alone = Demonstration("put", "train", 0, (DemonstrationStep(observation, BOTH, ACTION, reward=1.0),))
+    fresh = Gem(SMALL, model)
+    fresh.remember([pictures_alone])
+    assert fresh.memory is None and len(list(fresh.prepare([pictures_alone]))) == 1
+
+
 def test_without_parsing_there_are_only_words(model, observation):
     with pytest.raises(ValueError, match=r"gem-without-parsing reads whole sentences of words, got .* put \[mug\]"):
         Gem(SMALL.ablated("without-parsing"), model).act(observation, BOTH)

@@ -115,7 +115,7 @@ def crop_search(
 
 def withheld_picks(
     *checkpoint: Path,
-    withheld: Withhold = "words",
+    withheld: Literal["pairs", "words"] = "words",
     episodes: int = 10,
     world: base.World = "real-table",
     clip: base.Clip = None,

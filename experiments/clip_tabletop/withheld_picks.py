@@ -6,6 +6,7 @@ withheld parts and of kept ones are counted apart.
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -54,8 +55,9 @@ def measure(
     """
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    if withheld_list not in LISTS:
-        raise ValueError(f"the list must be one of {', '.join(LISTS)}, got {withheld_list!r}")
+    if withheld_list not in LISTS or not LISTS[withheld_list].parts:
+        lists = ", ".join(name for name, words in LISTS.items() if words.parts)
+        raise ValueError(f"withheld must be one of {lists}, got {withheld_list!r}")
     withheld = LISTS[withheld_list]
     card = checkpoints.read_card(checkpoint)
     measurement = Measurement(
@@ -92,19 +94,28 @@ def entries(shares: Sequence[float]) -> dict:
 
 
 def described(rows: Sequence[dict]) -> str:
-    """A line for each row, then the difference of two methods, paired by episode, over their training seeds."""
+    """A line for each row, then the difference of two methods, paired by episode, over their training seeds.
+
+    Rows with other numbers of demonstrations, worlds, or CLIPs have differences of their own.
+    """
 
     def cell(row: dict, state: str) -> str:
         low, high = row[state]["ci95"]
         return f"{row[state]['mean']:.1f} [{low:.1f}, {high:.1f}]"
 
-    rows = sorted(rows, key=lambda row: (row["method"], row["seed"]))
-    lines = [f"{'method':32}{'seed':>6}{'withheld parts':>22}{'kept parts':>22}"]
+    def conditions(row: dict) -> tuple:
+        return row["demos"], row["world"], row["clip_fingerprint"]
+
+    rows = sorted(rows, key=lambda row: (conditions(row), row["method"], row["seed"]))
+    lines = [f"{'method':32}{'demos':>6}{'seed':>6}{'withheld parts':>22}{'kept parts':>22}"]
     for row in rows:
-        lines.append(f"{row['method']:32}{row['seed']:6}" + "".join(f"{cell(row, state):>22}" for state in STATES))
-    names = list(dict.fromkeys(row["method"] for row in rows))
-    if len(names) == 2:
-        for state in STATES:
-            first, second = ([row[state]["rewards"] for row in rows if row["method"] == name] for name in names)
-            lines.append(f"{names[0]} minus {names[1]}, {state} parts: {statistics.paired_difference(first, second)}")
+        cells = "".join(f"{cell(row, state):>22}" for state in STATES)
+        lines.append(f"{row['method']:32}{row['demos']:6}{row['seed']:6}{cells}")
+    for (demos, *_), group in itertools.groupby(rows, conditions):
+        of_conditions = list(group)
+        names = list(dict.fromkeys(row["method"] for row in of_conditions))
+        for state in STATES if len(names) == 2 else ():
+            ours, theirs = ([row[state]["rewards"] for row in of_conditions if row["method"] == name] for name in names)
+            difference = statistics.paired_difference(ours, theirs)
+            lines.append(f"{names[0]} minus {names[1]}, {demos} demonstrations, {state} parts: {difference}")
     return "\n".join(lines)

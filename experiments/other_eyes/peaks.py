@@ -19,6 +19,7 @@ from tqdm import tqdm
 from experiments.other_eyes import scenes
 from gem_lite import clip
 from gem_lite.evaluation import results
+from gem_lite.maps.detectors import DetectorSource
 from gem_lite.maps.sources import SOURCES, MapSource
 
 USUAL = ("multi-view", "single-view", "dense", "regions")
@@ -35,8 +36,15 @@ def make_source(name: str, kind: str, detector: str, clip_name: str | None) -> M
         ValueError: no such source, or a detector that it refuses.
         OSError: the CLIP or the detector cannot be loaded.
     """
-    config = replace(scenes.configuration(kind), semantic_map=name, detector=detector)
-    return SOURCES.find(name)(clip.load(clip_name), config)
+    source = SOURCES.find(name)
+    named = detector if issubclass(source, DetectorSource) else ""
+    return source(clip.load(clip_name), replace(scenes.configuration(kind), semantic_map=name, detector=named))
+
+
+def check_detector(names: Sequence[str], detector: str) -> None:
+    """Raise ValueError if a detector is named that none of the sources ``names`` reads."""
+    if detector and not any(issubclass(SOURCES.find(name), DetectorSource) for name in names):
+        raise ValueError(f"detector must be left out, because none of {', '.join(names)} reads it, got {detector!r}")
 
 
 def share_on(semantic: np.ndarray, cells: np.ndarray) -> float:
@@ -92,7 +100,8 @@ def measure(
         kinds: of scenes; without one, all of them.
 
     Raises:
-        ValueError: ``count`` below 1, an unknown source or kind, or ``path`` holds rows over more scenes.
+        ValueError: ``count`` below 1, an unknown source or kind, a detector that no source reads, or ``path`` holds
+            rows over more scenes.
         OSError: a model cannot be loaded, or ``path`` cannot be written.
     """
     if count < 1:
@@ -100,8 +109,7 @@ def measure(
     for kind in kinds:
         if kind not in scenes.WORLDS:
             raise ValueError(f"kinds must be of {', '.join(scenes.WORLDS)}, got {kind!r}")
-    for name in names:
-        SOURCES.find(name)
+    check_detector(names or USUAL, detector)
     rows = []
     for kind in kinds or scenes.WORLDS:
         of_kind = measure_kind(kind, names or USUAL, count, detector, clip_name)

@@ -24,11 +24,12 @@ def draw(folder: Path, index: int, names: Sequence[str], detector: str, clip_nam
         names: of sources; without one, those of `USUAL`.
 
     Raises:
-        ValueError: a negative ``index``, an unknown source, or a detector that it refuses.
+        ValueError: a negative ``index``, an unknown source, or a detector that it refuses or that none reads.
         OSError: a model cannot be loaded, or a picture cannot be written.
     """
     if index < 0:
         raise ValueError(f"episode must be at least 0, got {index}")
+    peaks.check_detector(names or USUAL, detector)
     paths = []
     for kind, phrase in SHOWN.items():
         sources = {name: peaks.make_source(name, kind, detector, clip_name) for name in names or USUAL}

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from drawings import plot_real_table
 from tqdm import tqdm
@@ -288,4 +289,6 @@ def draw_scene(setting: Setting, model: Clip, path: Path) -> None:
         highest = divmod(int(scene.of_things(name).argmax()), config.workspace.shape[1])
         panels.append((name.replace(" + ", "\n+ "), scene.maps[name], scene.on_screwdriver, highest))
     path.parent.mkdir(parents=True, exist_ok=True)
-    plot_real_table.show_maps(panels, columns=len(panels)).savefig(path, dpi=80, bbox_inches="tight")
+    figure = plot_real_table.show_maps(panels, columns=len(panels))
+    figure.savefig(path, dpi=80, bbox_inches="tight")
+    plt.close(figure)

@@ -22,7 +22,7 @@ def list_(*, folder: Path = DATA / "results") -> None:
         raise FileNotFoundError(f"{folder} is no folder of results")
     for name, path in files_by_name(folder).items():
         rows = results.read_rows(path)
-        names = dict.fromkeys(row.get("method", row.get("map")) for row in rows)
+        names = dict.fromkeys(row.get("method", row.get("map", row.get("kind", "rows"))) for row in rows)
         print(f"{name}: {len(rows)} rows, of {', '.join(names)}")
 
 
@@ -66,6 +66,8 @@ def described(row: dict) -> str:
     """A row in one line: its method, task, world and details, and its mean (0-100, with the 95 % interval)."""
     if row.get("kind") == "pointing":
         return described_pointing(row)
+    if not {"method", "task", "world", "ci95", "mean", "episodes"} <= row.keys():  # of an experiment, by its own names
+        return ", ".join(f"{name} {value}" for name, value in row.items())
     parts = {"demos": "demos", "steps": "steps", "seed": "seed", "poses": "poses by", "shift": "shift", "turn": "turn"}
     details = [f"{label} {row[name]}" for name, label in parts.items() if row.get(name) is not None]
     subset = row.get("subset", "all")

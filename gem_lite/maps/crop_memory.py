@@ -166,7 +166,7 @@ def collect_crops(
     demonstrations: Iterable[Demonstration], workspace: Workspace, side: float,
     read: Callable[[Instruction], Queries] = language.parse,
 ) -> Iterator[CropEntry]:  # fmt: skip
-    """The crops of every event of the demonstrations, from before the action (Sec. 3.1).
+    """The crops of every event of the demonstrations that a phrase names, from before the action (Sec. 3.1).
 
     Args:
         workspace: of the height maps from which they are cut.
@@ -180,11 +180,13 @@ def collect_crops(
         for step in demonstration.steps:
             heightmap = fuse_views(step.observation.views, workspace)
             for kind, pose in step_events(step):
-                phrase = str(getattr(read(step.instruction), kind))
-                if language.is_relation(phrase):
+                query = getattr(read(step.instruction), kind)
+                if not isinstance(query, str):
+                    continue  # A picture needs no search, and has no words by which its crop could be found.
+                if language.is_relation(query):
                     continue  # The crop shows the bare table, and no thing that a phrase could mean.
                 # A copy: what `cut` returns would keep the whole height map.
-                yield CropEntry(phrase, cut(heightmap, pose, side).copy(), *key)
+                yield CropEntry(query, cut(heightmap, pose, side).copy(), *key)
 
 
 def cut(heightmap: HeightMap, pose: Pose2, side: float) -> np.ndarray:

@@ -80,9 +80,9 @@ def load(name: str, kinds: Mapping[str, str]) -> Detector:
         kinds: the allowed values of ``model_type`` in the model's config.json, and what they are called.
 
     Raises:
-        ValueError: an empty name, or a model of another kind.
-        OSError: a part of the model is missing in the folder or damaged; or there is no such folder, and the model is
-            not in the local cache and cannot be downloaded.
+        ValueError: an empty name; or, by a name, a model of another kind or with missing weights.
+        OSError: the same in a folder, or a part of the model is missing there or damaged; or there is no such folder,
+            and the model is not in the local cache and cannot be downloaded.
     """
     allowed = " or ".join(kinds.values())
     if not name.strip():

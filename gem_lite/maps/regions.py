@@ -1,8 +1,8 @@
 """The map source "regions": each thing that rises above the table is one region, which CLIP sees as one picture.
 
 A detector has such maps, too (A.6): what it proposes is filled, and all else is 0. Here `things` proposes the regions,
-from the heights alone. It shares a detector's weakness. Two things that touch are one region, a part of a thing is
-none, and what lies flat on the table is never found.
+from the heights alone. So two things that touch are one region, a part of a thing is none, and what lies flat on the
+table is never found.
 """
 
 from __future__ import annotations

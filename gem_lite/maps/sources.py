@@ -18,7 +18,6 @@ from gem_lite.clip import Clip
 from gem_lite.foundations.registry import Registry
 from gem_lite.language import ImageQuery, ThingQuery
 from gem_lite.maps import dense, semantic_map
-from gem_lite.maps.dense import PositionEmbeddings
 from gem_lite.maps.patches import PatchConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.rgbd.camera import Camera, View
@@ -114,16 +113,17 @@ class SingleView(MapSource):
 
 
 @SOURCES.register("dense")
-class Dense(ViewSource[PositionEmbeddings]):
+class Dense(MapSource):
     """CLIP's cosines with the positions of every view, each view in one pass, fused from above."""
 
     @override
-    def embed_view(self, view: View, inside: np.ndarray) -> PositionEmbeddings:
-        return dense.embed_view(view, inside, self.clip, self.config)
+    def embed(self, views: Sequence[View]) -> SceneEmbedding:
+        return dense.embed_scene(views, self.clip, self.config)
 
     @override
-    def score_view(self, embedded: PositionEmbeddings, query: ThingQuery) -> np.ndarray:
-        cosines = embedded.score(semantic_map.embed_query(query, self.clip))
+    def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:
+        words = semantic_map.embed_query(query, self.clip)
+        cosines = scene.fuse([side.score(words) for side in scene.sides])
         scale = self.clip.dense_calibration
         return scale.scale_image(cosines) if isinstance(query, ImageQuery) else scale.scale_text(cosines)
 

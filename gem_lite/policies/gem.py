@@ -208,15 +208,17 @@ class Gem(Policy[SceneEmbedding]):
     def remember(self, demos: Sequence[Demonstration]) -> None:
         """Fill ``memory`` with the demonstrations' crops, if the maps need them."""
         if self.retrieves:
-            crops = collect_crops(demos, self.config.workspace, self.config.top_patch, self.read)
-            self.memory = CropMemory(crops, self.clip)
+            crops = list(collect_crops(demos, self.config.workspace, self.config.top_patch, self.read))
+            if crops:  # Sentences may hold pictures alone.
+                self.memory = CropMemory(crops, self.clip)
 
     @override
     def prepare_step(self, step: DemonstrationStep, key: EpisodeKey) -> PreparedStep:
-        if self.retrieves and self.memory is None:
+        queries = self.read(step.instruction)
+        has_words = any(isinstance(query, str) for query in (queries.pick, queries.place))
+        if self.retrieves and self.memory is None and has_words:
             raise ValueError(f"{self.name} has no crops to retrieve: call remember with the demonstrations first")
         scene = self.embed(step.observation.views)
-        queries = self.read(step.instruction)
         hidden = None if self.config.own_crop else key
         pick = self.maps(scene, queries.pick, hidden)
         place = self.maps(scene, queries.place, hidden)

@@ -378,9 +378,16 @@ def test_picks_of_withheld_and_of_kept_parts_are_counted_apart(model, tmp_path, 
     assert row["withheld"]["rewards"] == [1.0, 1.0]
     assert results.read_rows(rows_path) == [json.loads(json.dumps(row))]
     off = {**row, "method": "gem-without-image-map", "withheld": row["kept"], "seed": 0}
-    *_, difference, kept = withheld_picks.described([row, off]).splitlines()
-    assert difference.startswith("gem minus gem-without-image-map, withheld parts: +100.0 [")
-    assert kept.startswith("gem minus gem-without-image-map, kept parts: +0.0 [")
+    one = {**row, "demos": 1}
+    assert "minus" not in withheld_picks.described([off, one]), "other demonstrations are no rival"
+    *_, difference, kept = withheld_picks.described([row, off, one]).splitlines()
+    assert difference.startswith("gem minus gem-without-image-map, 5 demonstrations, withheld parts: +100.0 [")
+    assert kept.startswith("gem minus gem-without-image-map, 5 demonstrations, kept parts: +0.0 [")
+
+
+def test_a_list_without_parts_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="withheld must be one of pairs, words, got 'nothing'"):
+        withheld_picks.measure(tmp_path / "a.safetensors", "nothing", None, "real-table", 1, tmp_path / "rows.jsonl")
 
 
 def test_a_sentence_without_a_part_is_refused():

@@ -55,8 +55,14 @@ def test_peaks_are_filed_and_a_region_of_two_blocks_is_half_right(tmp_path):
     assert (whole["method"], regions["method"]) == ("multi-view", "regions")
     assert whole["config_hash"] != regions["config_hash"] and whole["clip_fingerprint"] == regions["clip_fingerprint"]
     assert whole["mean"] > regions["mean"]
-    assert all(0.3 < share < 0.75 or share == 0 for share in regions["rewards"].values())
+    shares = [*regions["rewards"].values()]
+    assert all(0.3 < share < 0.75 or share == 0 for share in shares) and max(shares) > 0.3
     assert "touching-blocks" in peaks.described(rows)
+
+
+def test_a_detector_that_no_source_reads_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="detector must be left out, because none of multi-view reads it, got 'some'"):
+        peaks.measure(("multi-view",), (scenes.TOUCHING,), 1, "some", None, tmp_path / "rows.jsonl")
 
 
 def test_pictures_are_drawn(tmp_path, monkeypatch):
