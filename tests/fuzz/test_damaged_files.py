@@ -230,7 +230,7 @@ def read_and_file_rows(folder: Path, model: clip.Clip) -> None:
 
 def read_calibration(folder: Path, model: clip.Clip) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "path_for", lambda model: folder / "calibration.json")
+        patch.setattr(calibration, "path_for", lambda model, kind: folder / "calibration.json")
         found = calibration.read(model)
     assert np.isfinite(found.scale_text(np.zeros(1))).all()
 
