@@ -63,8 +63,6 @@ TASK_NAMES = {
 METHOD_COLORS = dict(zip(METHOD_NAMES, SAFE_COLORS, strict=False))
 METHOD_COLORS |= {METHOD_NAMES[name]: color for name, color in METHOD_COLORS.items()}
 """A method's colour in every figure, by its name in the library and in figures."""
-METHOD_MARKS = dict(zip(METHOD_COLORS, "osD^" * 2, strict=True))
-"""A method's mark in every figure, so that colour is not the only difference."""
 BOXES = {
     "GEM": (
         (("RGB-D from above", 1, 0), ("semantic map of the phrase,\nby CLIP, from all views", 0, 0),

@@ -176,8 +176,6 @@ C = (
     "blue and purple polka dot", "purple swirl", "blue swirl", "blue paisley",
 )  # fmt: skip
 """VIMABench's set C: in training, containers wear one of these."""
-NEVER_IN_TRAINING = tuple(name for name in NAMES if name not in W + C)
-"""Ten that no body wears in training."""
 
 
 @cache
