@@ -73,8 +73,8 @@ def world():
         yield shared
 
 
-OUTSIDE = ("toys", "outside_task")
-"""Modules of the tests that register what is not the library's."""
+OUTSIDE = ("toys", "outside_task", "experiments.picture_prompts.register_tasks")
+"""Modules that register what is not the library's."""
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from tqdm import tqdm
@@ -13,6 +14,7 @@ from gem_lite.evaluation.rollout import rollout
 from gem_lite.foundations.files import writing
 from gem_lite.simulation import looks
 from gem_lite.simulation.environment import SOLVED, Environment
+from gem_lite.simulation.looks import Look
 from gem_lite.simulation.world import World
 
 
@@ -33,8 +35,9 @@ def roll_out(environment: Environment, task_name: str, split: tasks.Split, index
 
 
 def collect(
-    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home"
-) -> DemonstrationSet:
+    task_name: str, episodes: int, folder: Path, split: tasks.Split = "train", start: int = 0, world: str = "home",
+    environment: Callable[[Look], World] = World,
+) -> DemonstrationSet:  # fmt: skip
     """Collect ``episodes`` successful expert episodes. Failed episodes are skipped.
 
     Each episode is saved at once. If ``folder`` holds the beginning of the same collection, the missing episodes are
@@ -43,6 +46,7 @@ def collect(
     Args:
         start: the index in the split of the first episode to try.
         world: the name of a world, see `gem_lite.simulation.looks.style`.
+        environment: makes the environment from the world's look; by default the world that all others use.
 
     Raises:
         ValueError: the task, the split or the world is unknown, ``episodes`` is below 1, or ``folder`` holds another
@@ -65,7 +69,7 @@ def collect(
         index = start
         if (folder / "manifest.json").exists():
             files, index = _existing_episodes(folder, facts)
-        with World(style=style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
+        with environment(style) as table, tqdm(None, label, episodes, initial=len(files), unit="episode") as bar:
             while len(files) < episodes:
                 demonstration = roll_out(table, task_name, split, index)
                 index += 1

@@ -19,7 +19,6 @@ from gem_lite.tasks import (  # noqa: F401 (each module registers its family)
     separating_piles,
     stack_block_pyramid,
     towers_of_hanoi,
-    visual_manipulation,
 )
 from gem_lite.tasks.registry import SPLITS, family, make, names, register, variants
 from gem_lite.tasks.task import Split, Task

@@ -26,7 +26,7 @@ BLOCK_SIZE = 0.04
 PIECE_SIZE = 0.06
 PIECE_HEIGHT = 0.02
 TEXTURE_SIDE = 0.32
-"""A picture on a body (`textures`) covers a square of this side (m), and then begins again."""
+"""A picture that a body wears (PyBullet calls it a texture) covers a square of this side (m), and then begins again."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""visual-manipulation: "put [picture] into [picture]", after VIMABench. The sentence shows things and names none."""
+"""The task visual-manipulation, after VIMABench: "put [picture] into [picture]". Its sentence names nothing."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from typing import Literal
 import numpy as np
 from typing_extensions import override
 
+from experiments.picture_prompts import patterned, textures
+from experiments.picture_prompts.portraits import portrait
 from gem_lite.language import ImageQuery, PictureSentence
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import patterned, textures
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.portraits import portrait
 from gem_lite.tasks.goals import Goal, PoseMetric
-from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, TableFullError
 from gem_lite.tasks.task import Split, Task
 
@@ -86,7 +85,6 @@ class Thing:
         return portrait(put, max(SMALLEST_PORTRAIT, (1 + MARGIN) * side))
 
 
-@register("visual-manipulation", {level: {"level": level} for level in LISTS})
 class VisualManipulation(Task):
     """A thing to drag, a fixed container, and a distractor of any other look. The sentence shows the first two.
 

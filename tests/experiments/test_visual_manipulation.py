@@ -1,5 +1,6 @@
 """The task visual-manipulation: its things and textures, its levels, and how an episode is won and lost."""
 
+import importlib
 import math
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from small import SMALL
 from tabletop import distance, lay_out, play, teleport
 
+from experiments.picture_prompts import patterned, textures, visual_manipulation
+from experiments.picture_prompts.visual_manipulation import LISTS, Thing
 from gem_lite import demonstrations, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation import collecting
@@ -15,12 +18,16 @@ from gem_lite.language import PictureSentence
 from gem_lite.policies.gem import Gem
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import patterned, textures
 from gem_lite.simulation.world import World
-from gem_lite.tasks import visual_manipulation
-from gem_lite.tasks.visual_manipulation import LISTS, Thing
 
 PLACEMENT, COMBINATIONS, OBJECTS = LEVELS = tuple(f"visual-manipulation-{level}" for level in LISTS)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def registered(registries_as_they_were):
+    importlib.import_module("experiments.picture_prompts.register_tasks")
+
+
 TABLE_GRAY = np.array(colors.TABLE)
 NEVER_IN_TRAINING = tuple(name for name in textures.NAMES if name not in textures.W + textures.C)
 

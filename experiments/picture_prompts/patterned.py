@@ -10,8 +10,9 @@ import trimesh
 from shapely import Point, Polygon, affinity, box, union_all
 from shapely.ops import nearest_points
 
+from experiments.picture_prompts import textures
 from gem_lite.se2 import Pose2
-from gem_lite.simulation.bodies import shapes, textures, trays
+from gem_lite.simulation.bodies import shapes, trays
 from gem_lite.simulation.bodies.parts import RGBA, Part
 from gem_lite.simulation.bodies.shapes import Body, BowlProfile
 from gem_lite.simulation.bodies.solids import bar, join

@@ -1,0 +1,50 @@
+"""What both methods see here: one picture from above, and segmentation in the place of depth (A.1.5).
+
+VIMA gets the true masks of all things. So that GEM sees no more, its depth channel holds the masks, too: in the depth
+picture, each thing is a flat plate, whatever its true form. Nothing else of the two methods' pictures is true geometry.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from typing_extensions import override
+
+from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Workspace
+from gem_lite.simulation.rendering import render
+from gem_lite.simulation.world import World
+
+SIZE = (320, 160)
+"""Rows and columns of the picture: VIMABench's 3.125 mm a pixel."""
+DISTANCE = 6.0
+"""The camera is so far above the table (m) that it sees hardly any side of a thing."""
+PLATE = 0.05
+"""The height (m) of every thing in the depth picture: 1 in a network's height channel."""
+_DOWN = (1.0, 0.0, 0.0, 0.0)
+"""The camera looks down. x is to the right and y is up, as in a height map."""
+_BODY = (1 << 24) - 1
+"""The bits of a pixel's number that hold the body's id (`render`)."""
+
+
+def camera_above(workspace: Workspace) -> Camera:
+    """The camera that shows a table and nothing else."""
+    middle = ((workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2)
+    focal = SIZE[0] * DISTANCE / workspace.length
+    return Camera.pinhole("above", (*middle, DISTANCE), _DOWN, SIZE, focal)
+
+
+class SegmentedWorld(World):
+    """A world whose cameras are `camera_above` alone."""
+
+    @override
+    def observe(self) -> tuple[Observation, ...]:
+        view, numbers = render(self.client, camera_above(self.workspace), self.light, segmentation=True)
+        is_thing = np.isin(numbers & _BODY, [body.id for body in self.bodies])
+        depth = np.where(is_thing, DISTANCE - PLATE, DISTANCE).astype(np.float32)
+        return (Observation((View(view.camera, view.rgb, depth),)),)
+
+
+def masks(view: View) -> np.ndarray:
+    """Which pixels of a view of `SegmentedWorld` show a thing: (H, W) bool."""
+    return view.depth < DISTANCE - PLATE / 2
