@@ -54,7 +54,7 @@ class RivalConfig:
     heads: int = 8
     dropout: float = 0.1
     steps: int = 5000
-    batch: int = 64
+    batch: int = 32
     learning_rate: float = 3e-4
 
 
