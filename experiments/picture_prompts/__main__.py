@@ -138,7 +138,26 @@ def measure(
     print(f"the row is in {path}")
 
 
-APP = base.make_app("python -m experiments.picture_prompts", __doc__, collect, train_gem, train_rival, measure)
+def peaks(*, scenes: int = 50, widths: tuple[float, ...] = ()) -> None:
+    """Count how often the peak of a prompt picture's map lies on the shown thing, on validation scenes.
+
+    Args:
+        scenes: number of scenes of each level
+        widths: widths of CLIP's patches (m) (without it: 0.075, 0.1, 0.125, 0.15 and 0.2)
+
+    Examples:
+      python -m experiments.picture_prompts peaks --scenes 10
+    """
+    import torch
+
+    from experiments.picture_prompts import peaks as measuring
+    from gem_lite import clip
+
+    torch.set_num_threads(1)
+    print(measuring.described(measuring.measure_levels(scenes, widths, clip.load())))
+
+
+APP = base.make_app("python -m experiments.picture_prompts", __doc__, collect, train_gem, train_rival, measure, peaks)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -38,7 +38,7 @@ PICTURES_ALONE = replace(
     turn=False, recolor=False, map_gain=(1.0, 1.0), map_offset=0.0,
 )  # fmt: skip
 """GEM with image-conditioned maps alone: the source "single-view" compares the height map's patches with the picture
-(Eq. 3), and there is no second map. The patch size was chosen by `peaks`."""
+(Eq. 3), and there is no second map. `experiments.picture_prompts.peaks` chose the width of a patch."""
 
 
 class Unaugmented(Gem):

@@ -17,7 +17,7 @@ from gem_lite.language import ImageQuery, PictureSentence
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
-SMALL = RivalConfig(width=16, layers=1, cutout_layers=1, heads=2, dropout=0.0, steps=100, batch=4, learning_rate=3e-3)
+SMALL = RivalConfig(width=16, layers=1, cutout_layers=1, heads=2, dropout=0.0, steps=160, batch=4, learning_rate=3e-3)
 GRAY = np.array(colors.TABLE)
 
 
@@ -130,7 +130,7 @@ def test_both_methods_are_trained_and_measured(demos, tmp_path, model):
     path = tmp_path / "rows.jsonl"
     results.file_rows(rows, path, measuring.IDENTITY)
     assert results.read_rows(path) == rows
-    assert [(row["method"], row["demos"], row["steps"]) for row in rows] == [("gem", 2, 1), ("vima-like", 4, 100)]
+    assert [(row["method"], row["demos"], row["steps"]) for row in rows] == [("gem", 2, 1), ("vima-like", 4, 160)]
     assert all(row["parameters"] > 10_000 and row["episodes"] == 1 for row in rows)
     with pytest.raises(ValueError, match="episodes must be at most 4"):
         measuring.train_rival(folder, rival_file, 5, SMALL, 0)
