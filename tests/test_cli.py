@@ -31,8 +31,8 @@ BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
-    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "planning", "pointing", "real_tables",
-    "sensor_noise",
+    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "picture_prompts", "planning", "pointing",
+    "real_tables", "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -43,7 +43,8 @@ COMMANDS = (
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes", "other_eyes pictures", "other_eyes peaks", "other_words fit",
     "other_words measure",
-    "planning play", "planning table", "planning nouns", "planning swap", "pointing",
+    "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
+    "picture_prompts peaks", "planning play", "planning table", "planning nouns", "planning swap", "pointing",
     "real_tables kernels", "real_tables color-bias", "real_tables displaced", "sensor_noise",
 )  # fmt: skip
 
@@ -217,6 +218,15 @@ other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Fac
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
 other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:
+picture_prompts collect folder --episodes 0 | episodes must be at least 1, got 0
+picture_prompts train-gem nowhere a.safetensors --episodes 6 | nowhere holds no demonstrations
+picture_prompts train-gem nowhere a.safetensors --episodes 6 --steps 0 | steps must be a whole number from 1 on, got 0
+picture_prompts train-rival nowhere a.safetensors --episodes 6 | nowhere holds no demonstrations
+picture_prompts train-rival a b.safetensors --episodes 6 --width 20 | width must be a multiple of 8, the number of heads
+picture_prompts train-rival a b.safetensors --episodes 6 --dropout 1 | dropout must be from 0 to below 1, got 1
+picture_prompts measure none.safetensors | the checkpoint none.safetensors is not complete
+picture_prompts measure none.safetensors --level hard | Invalid value "hard" for --level. Choose from: "placement",
+picture_prompts peaks --scenes 0 | scenes must be at least 1, got 0
 pointing --kind circles | Invalid value "circles" for --kind. Choose from: "bowls", "shapes".
 pointing --task bars-in-box | Invalid value "bars-in-box" for --task. Choose from: "packing-shapes-seen",
 pointing --scenes 0 | scenes must be at least 1, got 0

@@ -61,12 +61,12 @@ def train_gem(folder: Path, checkpoint: Path, episodes: int, config: GemConfig, 
 
 def train_rival(folder: Path, checkpoint: Path, episodes: int, config: RivalConfig, seed: int) -> None:
     """Train the rival on the first ``episodes`` demonstrations of a folder, and write its checkpoint."""
-    demos = demonstrations.load(folder)[:episodes]
-    if len(demos) < episodes:
-        raise ValueError(f"episodes must be at most {len(demos)}, the number in {folder}, got {episodes}")
+    every = demonstrations.load(folder)
+    if not 1 <= episodes <= len(every):
+        raise ValueError(f"episodes must be from 1 to {len(every)}, the number in {folder}, got {episodes}")
     workspace = tasks.make(TASK_NAMES[0]).workspace
     rival = Rival(config, workspace, seed)
-    rivals.train(rival, demos, seed)
+    rivals.train(rival, every[:episodes], seed)
     rivals.save(rival, checkpoint, {"method": RIVAL, "demos": episodes, "seed": seed})
 
 
@@ -79,7 +79,15 @@ class Trained:
 
 
 def load(checkpoint: Path, clip: Clip) -> Trained:
-    """A checkpoint of either method."""
+    """A checkpoint of either method.
+
+    Raises:
+        FileNotFoundError: it is not complete.
+        ValueError: see `load_policy`.
+    """
+    for file in (checkpoint, checkpoint.with_suffix(".json")):
+        if not file.is_file():
+            raise FileNotFoundError(f"the checkpoint {checkpoint} is not complete: {file} is missing")
     card = results.read_json(checkpoint.with_suffix(".json").read_bytes(), checkpoint)
     if card["method"] == RIVAL:
         rival, card = rivals.load(checkpoint, tasks.make(TASK_NAMES[0]).workspace)
@@ -96,7 +104,9 @@ def load(checkpoint: Path, clip: Clip) -> Trained:
 
 
 def play(actor: Actor, task_name: str, split: tasks.Split, episodes: int) -> list[Episode]:
-    """The first episodes of a level."""
+    """The first episodes of a level. Raises ValueError if ``episodes`` is below 1."""
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
     with SegmentedWorld() as world:
         numbers = tqdm(range(episodes), f"{task_name} ({split})", unit="episode")
         return [run_episode(world, actor, task_name, split, index) for index in numbers]

@@ -65,5 +65,7 @@ def described(shares: dict[str, dict[float, tuple[float, float]]]) -> str:
 
 
 def measure_levels(scenes: int, widths: Sequence[float], clip: Clip) -> dict[str, dict[float, tuple[float, float]]]:
-    """`measure` for each level."""
+    """`measure` for each level. Raises ValueError if ``scenes`` is below 1, or a patch is no whole cell wide."""
+    if scenes < 1:
+        raise ValueError(f"scenes must be at least 1, got {scenes}")
     return {task_name: measure(task_name, scenes, widths or WIDTHS, clip) for task_name in TASK_NAMES}

@@ -46,6 +46,9 @@ class RivalConfig:
         heads: of all attention.
         dropout: in training.
         steps, batch, learning_rate: of training.
+
+    Raises:
+        ValueError: a number below 1, a width that the heads do not share evenly, or another value out of range.
     """
 
     width: int = 128
@@ -56,6 +59,17 @@ class RivalConfig:
     steps: int = 5000
     batch: int = 32
     learning_rate: float = 3e-4
+
+    def __post_init__(self) -> None:
+        for name in ("width", "layers", "cutout_layers", "heads", "steps", "batch"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.width % self.heads:
+            raise ValueError(f"width must be a multiple of {self.heads}, the number of heads, got {self.width}")
+        if not 0 <= self.dropout < 1:
+            raise ValueError(f"dropout must be from 0 to below 1, got {self.dropout}")
+        if not 0 < self.learning_rate <= 1:
+            raise ValueError(f"learning_rate must be above 0 and up to 1, got {self.learning_rate}")
 
 
 @dataclass(frozen=True)

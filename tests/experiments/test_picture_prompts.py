@@ -132,7 +132,7 @@ def test_both_methods_are_trained_and_measured(demos, tmp_path, model):
     assert results.read_rows(path) == rows
     assert [(row["method"], row["demos"], row["steps"]) for row in rows] == [("gem", 2, 1), ("vima-like", 4, 160)]
     assert all(row["parameters"] > 10_000 and row["episodes"] == 1 for row in rows)
-    with pytest.raises(ValueError, match="episodes must be at most 4"):
+    with pytest.raises(ValueError, match="episodes must be from 1 to 4"):
         measuring.train_rival(folder, rival_file, 5, SMALL, 0)
 
 
