@@ -31,8 +31,8 @@ BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
-    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "picture_prompts", "planning", "pointing",
-    "real_tables", "sensor_noise",
+    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "picture_prompts", "planning",
+    "pointing", "real_tables", "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -226,6 +226,12 @@ picture_prompts train-rival a b.safetensors --episodes 6 --width 20 | width must
 picture_prompts train-rival a b.safetensors --episodes 6 --dropout 1 | dropout must be from 0 to below 1, got 1
 picture_prompts measure none.safetensors | the checkpoint none.safetensors is not complete
 picture_prompts measure none.safetensors --level hard | Invalid value "hard" for --level. Choose from: "placement",
+picture_prompts train-rival a b.json --episodes 6 | the name of a checkpoint must end in .safetensors, got 'b.json'
+picture_prompts train-rival a b.safetensors --episodes 6 --seed -1 | seed must be at least 0, got -1
+picture_prompts train-rival {DEMONSTRATIONS} b.safetensors --episodes 2 | must hold demonstrations of one camera above
+picture_prompts train-gem {DEMONSTRATIONS} b.safetensors --episodes 2 | must hold demonstrations of one camera above
+picture_prompts measure {BOWL_POLICY} | the checkpoint must be one of train-gem or train-rival, got gem
+picture_prompts peaks --widths 0.01 | widths must be at least 0.025 m, four cells, got (0.01,)
 picture_prompts peaks --scenes 0 | scenes must be at least 1, got 0
 pointing --kind circles | Invalid value "circles" for --kind. Choose from: "bowls", "shapes".
 pointing --task bars-in-box | Invalid value "bars-in-box" for --task. Choose from: "packing-shapes-seen",

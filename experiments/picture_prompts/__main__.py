@@ -32,7 +32,7 @@ def train_gem(
     /,
     *,
     episodes: int,
-    steps: int = 1500,
+    steps: int = 300,
     learning_rate: float = 1e-3,
     seed: int = 0,
     state: Path | None = None,
@@ -68,11 +68,12 @@ def train_rival(
     /,
     *,
     episodes: int,
-    steps: int = 5000,
-    learning_rate: float = 3e-4,
+    steps: int = 1000,
+    learning_rate: float = 1e-3,
     width: int = 128,
     layers: int = 2,
     dropout: float = 0.1,
+    spread: float = 1.0,
     seed: int = 0,
 ) -> None:
     """Train the rival after VIMA.
@@ -86,6 +87,7 @@ def train_rival(
         width: of all tokens, a multiple of 8
         layers: of the decoder
         dropout: of all transformer layers
+        spread: width of a label (cm); 0 is VIMA's one right bin
         seed: seed of the initial weights and the batches
 
     Examples:
@@ -97,7 +99,9 @@ def train_rival(
     from experiments.picture_prompts.rival import RivalConfig
 
     torch.set_num_threads(1)
-    config = RivalConfig(width=width, layers=layers, dropout=dropout, steps=steps, learning_rate=learning_rate)
+    config = RivalConfig(
+        width=width, layers=layers, dropout=dropout, spread=spread, steps=steps, learning_rate=learning_rate
+    )
     measuring.train_rival(folder, checkpoint, episodes, config, seed)
 
 
@@ -132,29 +136,29 @@ def measure(
     trained = measuring.load(checkpoint, clip.load())
     played = measuring.play(trained.actor, f"{FAMILY}-{level}", split, episodes)
     row = measuring.row(trained, f"{FAMILY}-{level}", split, played)
-    results.file_rows([row], path, measuring.IDENTITY)
+    results.file_rows([row], path)
     low, high = row["ci95"]
     print(f"{row['method']}, {row['demos']} demonstrations, {level}: {row['mean']:.1f} [{low:.1f}, {high:.1f}]")
     print(f"the row is in {path}")
 
 
-def peaks(*, scenes: int = 50, widths: tuple[float, ...] = ()) -> None:
-    """Count how often the peak of a prompt picture's map lies on the shown thing, on validation scenes.
+def peaks(*, scenes: int = 50, widths: tuple[float, ...] = (0.075, 0.0875, 0.1, 0.125, 0.15)) -> None:
+    """Count how often the peak of a prompt picture's map is near the shown thing, and nearer to it than to the others.
 
     Args:
-        scenes: number of scenes of each level
-        widths: widths of CLIP's patches (m) (without it: 0.075, 0.1, 0.125, 0.15 and 0.2)
+        scenes: number of validation scenes of the training level
+        widths: widths of CLIP's patches (m)
 
     Examples:
       python -m experiments.picture_prompts peaks --scenes 10
     """
     import torch
 
-    from experiments.picture_prompts import peaks as measuring
+    from experiments.picture_prompts import patch_peaks
     from gem_lite import clip
 
     torch.set_num_threads(1)
-    print(measuring.described(measuring.measure_levels(scenes, widths, clip.load())))
+    print(patch_peaks.described(patch_peaks.measure(scenes, widths, clip.load())))
 
 
 APP = base.make_app("python -m experiments.picture_prompts", __doc__, collect, train_gem, train_rival, measure, peaks)

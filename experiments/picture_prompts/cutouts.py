@@ -27,7 +27,7 @@ class Cutouts:
     """What the rival gets of one scene and its sentence.
 
     Attributes:
-        things: (N, `SIDE`, `SIDE`, 3) uint8, the things on the table in no order that means anything.
+        things: (N, `SIDE`, `SIDE`, 3) uint8, the things on the table. Their order has no meaning.
         boxes: (N, 4) float32: their boxes' middle (row, column), height and width, as shares of the picture.
         prompt: (2, `SIDE`, `SIDE`, 3) uint8, the thing to pick and its container.
     """
@@ -48,12 +48,15 @@ def cut(picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     if not mask.any():
         raise ValueError("mask must hold a pixel, got an empty one")
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    (top, bottom), (left, right) = ((line[0], line[-1] + 1) for line in (rows, columns))
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    top, bottom = rows[0], rows[-1] + 1
+    left, right = columns[0], columns[-1] + 1
     part = picture[top:bottom, left:right]
     height, width = part.shape[:2]
     side = max(height, width)
-    above, beside = (side - height) // 2, (side - width) // 2
+    above = (side - height) // 2
+    beside = (side - width) // 2
     square = np.zeros((side, side, 3), np.uint8)
     square[above : above + height, beside : beside + width] = part
     extent = np.array([(top + bottom) / 2, (left + right) / 2, height, width])
@@ -70,7 +73,7 @@ def cut_prompt(picture: np.ndarray) -> np.ndarray:
 def cutouts(observation: Observation, sentence: PictureSentence) -> Cutouts:
     """Cut out the things of a scene and of its sentence's two pictures.
 
-    Things that touch are one. At the beginning of an episode none do.
+    Things that touch are one. At the beginning of an episode none do; after a miss, this can harm the rival.
 
     Args:
         observation: of a `segmented_world.SegmentedWorld`.

@@ -14,31 +14,35 @@ from tqdm import tqdm
 from typing_extensions import override
 
 from experiments.picture_prompts import rival as rivals
+from experiments.picture_prompts import segmented_world
 from experiments.picture_prompts.register_tasks import TASK_NAMES
 from experiments.picture_prompts.rival import Rival, RivalConfig
-from experiments.picture_prompts.segmented_world import SegmentedWorld
 from gem_lite import demonstrations, tasks
 from gem_lite.clip import Clip
 from gem_lite.evaluation import actors, results
 from gem_lite.evaluation.evaluate import run_episode
 from gem_lite.evaluation.results import Episode
 from gem_lite.evaluation.rollout import Actor
-from gem_lite.policies.checkpoints import load_policy
+from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE, GemConfig
 from gem_lite.policies.inputs import Sample
+from gem_lite.training import folders
 from gem_lite.training.train import train_from_folder
 
 WORLD = "segmented"
-"""In rows, the name of `SegmentedWorld`."""
-GEM, RIVAL = "gem", "vima-like"
-IDENTITY = ("method", "task", "split", "demos", "seed", "config_hash")
+"""In rows, the name of `segmented_world.SegmentedWorld`."""
 PICTURES_ALONE = replace(
     LITE, semantic_map="single-view", image_weight=0.0, drop_image_map=0.0, top_patch=0.1, top_stride=0.025,
-    turn=False, recolor=False, map_gain=(1.0, 1.0), map_offset=0.0,
+    turn=False, recolor=False, map_gain=(1.0, 1.0), map_offset=0.0, peak_margin=None, empty_radius=0.0, steps=300,
 )  # fmt: skip
 """GEM with image-conditioned maps alone: the source "single-view" compares the height map's patches with the picture
-(Eq. 3), and there is no second map. `experiments.picture_prompts.peaks` chose the width of a patch."""
+(Eq. 3), and there is no second map. `patch_peaks` chose the width of a patch.
+
+Two rules of ours are off, since the rival has none like them: a pick near the map's peak, and no second try at a spot
+where nothing was grasped."""
+SEARCHED = ("steps", "learning_rate")
+"""The entries of `PICTURES_ALONE` that a training may change."""
 
 
 class Unaugmented(Gem):
@@ -55,19 +59,32 @@ def gem_config(steps: int, learning_rate: float) -> GemConfig:
 
 
 def train_gem(folder: Path, checkpoint: Path, episodes: int, config: GemConfig, seed: int, run: Path) -> None:
-    """Train GEM on the first ``episodes`` demonstrations of a folder, and write its checkpoint. It can be continued."""
+    """Train GEM on the first ``episodes`` demonstrations of a folder, and write its checkpoint. It can be continued.
+
+    Raises:
+        ValueError, OSError: see `segmented_world.check` and `train_from_folder`.
+    """
+    segmented_world.check(demonstrations.load(folder)[:episodes], folder)
     train_from_folder(folder, checkpoint, Unaugmented, config, run, seed, episodes)
 
 
 def train_rival(folder: Path, checkpoint: Path, episodes: int, config: RivalConfig, seed: int) -> None:
-    """Train the rival on the first ``episodes`` demonstrations of a folder, and write its checkpoint."""
-    every = demonstrations.load(folder)
-    if not 1 <= episodes <= len(every):
-        raise ValueError(f"episodes must be from 1 to {len(every)}, the number in {folder}, got {episodes}")
-    workspace = tasks.make(TASK_NAMES[0]).workspace
-    rival = Rival(config, workspace, seed)
-    rivals.train(rival, every[:episodes], seed)
-    rivals.save(rival, checkpoint, {"method": RIVAL, "demos": episodes, "seed": seed})
+    """Train the rival on the first ``episodes`` demonstrations of a folder, and write its checkpoint.
+
+    Raises:
+        ValueError: ``episodes`` is not from 1 to the number of demonstrations, ``seed`` is negative, the name of the
+            checkpoint does not end in ".safetensors", or see `segmented_world.check`.
+    """
+    rivals.check_request(checkpoint, seed)
+    whole = demonstrations.load(folder)
+    if not 1 <= episodes <= len(whole):
+        raise ValueError(f"episodes must be from 1 to {len(whole)}, the number in {folder}, got {episodes}")
+    demos = whole[:episodes]
+    segmented_world.check(demos, folder)
+    rival = Rival(config, tasks.make(TASK_NAMES[0]).workspace, seed)
+    rivals.train(rival, demos, seed)
+    facts = {"demos": episodes, "seed": seed, "data_sha256": folders.data_hash([demos])}
+    rivals.save(rival, checkpoint, facts)
 
 
 @dataclass(frozen=True)
@@ -83,37 +100,44 @@ def load(checkpoint: Path, clip: Clip) -> Trained:
 
     Raises:
         FileNotFoundError: it is not complete.
-        ValueError: see `load_policy`.
+        ValueError: it is damaged, of another method, or of a GEM with other inputs than `PICTURES_ALONE`.
     """
-    for file in (checkpoint, checkpoint.with_suffix(".json")):
-        if not file.is_file():
-            raise FileNotFoundError(f"the checkpoint {checkpoint} is not complete: {file} is missing")
-    card = results.read_json(checkpoint.with_suffix(".json").read_bytes(), checkpoint)
-    if card["method"] == RIVAL:
-        rival, card = rivals.load(checkpoint, tasks.make(TASK_NAMES[0]).workspace)
-        counted, config = rivals.parameters(rival), rival.config
+    card = read_card(checkpoint)
+    config: GemConfig | RivalConfig
+    if card["method"] == rivals.METHOD:
+        rival = rivals.load(checkpoint, card, tasks.make(TASK_NAMES[0]).workspace)
+        config = rival.config
+        parameters = rivals.count_parameters(rival)
         actor = rival.actor()
     else:
         policy = load_policy(checkpoint, clip)
-        counted, config = rivals.parameters(policy), policy.config
+        if not isinstance(policy, Gem) or policy.config != replace(PICTURES_ALONE, **searched(policy.config)):
+            raise ValueError(f"the checkpoint must be one of train-gem or train-rival, got {policy.name}: {checkpoint}")
+        config = policy.config
+        parameters = rivals.count_parameters(policy)
         actor = actors.policy_actor(policy)
-    facts = {"method": card["method"], "demos": card["demos"], "seed": card["seed"], "parameters": counted}
     values = json.dumps(asdict(config), sort_keys=True)
-    facts |= {"steps": config.steps, "learning_rate": config.learning_rate, "batch": config.batch}
-    return Trained(actor, {**facts, "config_hash": hashlib.sha256(values.encode()).hexdigest()[:8]})
+    facts = results.policy_entries(card, None) | searched(config)
+    facts |= {"parameters": parameters, "config_hash": hashlib.sha256(values.encode()).hexdigest()[:12]}
+    return Trained(actor, {"method": card["method"], **facts})
+
+
+def searched(config: GemConfig | RivalConfig) -> dict:
+    """The values of `SEARCHED`."""
+    return {name: getattr(config, name) for name in SEARCHED}
 
 
 def play(actor: Actor, task_name: str, split: tasks.Split, episodes: int) -> list[Episode]:
     """The first episodes of a level. Raises ValueError if ``episodes`` is below 1."""
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, got {episodes}")
-    with SegmentedWorld() as world:
+    with segmented_world.SegmentedWorld() as world:
         numbers = tqdm(range(episodes), f"{task_name} ({split})", unit="episode")
         return [run_episode(world, actor, task_name, split, index) for index in numbers]
 
 
 def row(trained: Trained, task_name: str, split: tasks.Split, played: Sequence[Episode]) -> dict:
-    """A row: `first_act` counts the episodes that were won with one act."""
+    """A row; its ``first_act`` is the share of the episodes that were won with one act."""
     first = statistics.mean(episode.steps == 1 and episode.reward == 1 for episode in played)
-    names = {"task": task_name, "split": split, "world": WORLD, "first_act": round(first, 4)}
-    return {**trained.facts, **names, **results.reward_entries({one.index: one.reward for one in played})}
+    facts = trained.facts | {"world": WORLD, "split": split, "start": 0, "first_act": round(first, 4)}
+    return results.result_row(facts.pop("method"), task_name, played, "all", facts)

@@ -1,11 +1,13 @@
 """A rival after VIMA (A.1.5): tokens of things and of an action attend to the tokens of the prompt.
 
-Smaller than VIMA, and without what one step and one kind of sentence do not need: see README.md.
+It is smaller than VIMA, and has no part that one act and one kind of sentence do not need: see README.md.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,15 +24,20 @@ from gem_lite.actions import PickPlace
 from gem_lite.demonstrations import Demonstration
 from gem_lite.evaluation.rollout import Actor, Observations
 from gem_lite.foundations.files import write_together
+from gem_lite.policies.checkpoints import card_path
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
 
+METHOD = "vima-like"
+"""The rival's name in cards and rows."""
 BIN = 0.01
 """A coordinate is chosen among bins of this width (m), as in VIMA."""
 PATCH = 16
 """Side of a patch of a cutout, as in VIMA."""
 WORDS = 2
 """The prompt's words: "put" and "into"."""
+WAVES = (1, 2, 4, 8, 16)
+"""A number of a box is also given as sines and cosines of so many half turns."""
 WARM_UP = 0.05
 """The learning rate rises in this share of the steps, and then falls as a cosine."""
 
@@ -45,6 +52,8 @@ class RivalConfig:
         cutout_layers: of the encoder of cutouts.
         heads: of all attention.
         dropout: in training.
+        spread: a label is shared by bins around the right one, by a normal distribution of this width (bins); with 0
+            only the right bin is right, as in VIMA.
         steps, batch, learning_rate: of training.
 
     Raises:
@@ -56,18 +65,22 @@ class RivalConfig:
     cutout_layers: int = 2
     heads: int = 8
     dropout: float = 0.1
-    steps: int = 5000
+    spread: float = 1.0
+    steps: int = 1000
     batch: int = 32
-    learning_rate: float = 3e-4
+    learning_rate: float = 1e-3
 
     def __post_init__(self) -> None:
         for name in ("width", "layers", "cutout_layers", "heads", "steps", "batch"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} must be a whole number from 1 on, got {value}")
         if self.width % self.heads:
             raise ValueError(f"width must be a multiple of {self.heads}, the number of heads, got {self.width}")
         if not 0 <= self.dropout < 1:
             raise ValueError(f"dropout must be from 0 to below 1, got {self.dropout}")
+        if self.spread < 0:
+            raise ValueError(f"spread must be at least 0, got {self.spread}")
         if not 0 < self.learning_rate <= 1:
             raise ValueError(f"learning_rate must be above 0 and up to 1, got {self.learning_rate}")
 
@@ -142,6 +155,12 @@ def _mlp(inputs: int, outputs: int, hidden: int) -> nn.Module:
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs))
 
 
+def waves(boxes: torch.Tensor) -> torch.Tensor:
+    """Boxes (..., 4) and the sines and cosines of `WAVES`, (..., 4 * 11): they tell near places apart."""
+    turns = math.pi * boxes[..., None] * torch.tensor(WAVES)
+    return torch.cat([boxes[..., None], turns.sin(), turns.cos()], dim=-1).flatten(-2)
+
+
 class Rival(nn.Module):
     """From tokens to one pick and place: each of four coordinates is a choice among bins.
 
@@ -158,17 +177,17 @@ class Rival(nn.Module):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.cutouts = CutoutEncoder(config)
-            self.box = _mlp(4, width, width)
+            self.box = _mlp(4 * (1 + 2 * len(WAVES)), width, width)
             self.thing = nn.Linear(2 * width, width)
             self.words = nn.Parameter(0.02 * torch.randn(WORDS, width))
-            self.prompted = _mlp(width, width, width)
-            self.places = nn.Parameter(0.02 * torch.randn(2 * WORDS, width))
-            self.prompt = nn.TransformerEncoder(
+            self.prompt_thing = _mlp(width, width, width)
+            self.prompt_positions = nn.Parameter(0.02 * torch.randn(2 * WORDS, width))
+            self.prompt_encoder = nn.TransformerEncoder(
                 nn.TransformerEncoderLayer(width, **_layer(config)), 1, enable_nested_tensor=False
             )
             self.action = nn.Parameter(0.02 * torch.randn(width))
             self.decoder = nn.TransformerDecoder(nn.TransformerDecoderLayer(width, **_layer(config)), config.layers)
-            self.heads = nn.ModuleList(_mlp(width, bins, 2 * width) for bins in self.bins)
+            self.coordinates = nn.ModuleList(_mlp(width, bins, 2 * width) for bins in self.bins)
 
     @property
     def bins(self) -> tuple[int, int, int, int]:
@@ -181,32 +200,46 @@ class Rival(nn.Module):
         """The logits (B, bins) of each coordinate."""
         count, most = tokens.absent.shape
         looks = self.cutouts(torch.cat([tokens.things, tokens.prompt], dim=1).flatten(0, 1)).unflatten(0, (count, -1))
-        seen, asked = looks[:, :most], self.prompted(looks[:, most:])
+        things = self.thing(torch.cat([looks[:, :most], self.box(waves(tokens.boxes))], dim=-1))
+        shown = self.prompt_thing(looks[:, most:])
         put, into = (word.expand(count, -1) for word in self.words)
-        prompt = self.prompt(torch.stack([put, asked[:, 0], into, asked[:, 1]], dim=1) + self.places)
-        things = self.thing(torch.cat([seen, self.box(tokens.boxes)], dim=-1))
+        sentence = torch.stack([put, shown[:, 0], into, shown[:, 1]], dim=1)
+        prompt = self.prompt_encoder(sentence + self.prompt_positions)
         history = torch.cat([things, self.action.expand(count, 1, -1)], dim=1)
         absent = F.pad(tokens.absent, (0, 1), value=False)
         action = self.decoder(history, prompt, tgt_key_padding_mask=absent)[:, -1]
-        return [head(action) for head in self.heads]
+        return [head(action) for head in self.coordinates]
 
     def loss(self, tokens: Tokens, labels: torch.Tensor) -> torch.Tensor:
-        """The cross-entropy of labels (B, 4), a bin for each coordinate: the mean over coordinates."""
+        """The cross-entropy of labels (B, 4), a place in bins for each coordinate: the mean over coordinates."""
         logits = zip(self(tokens), labels.T, strict=True)
-        return torch.stack([F.cross_entropy(scores, right) for scores, right in logits]).mean()
+        return torch.stack([F.cross_entropy(scores, self.shares(right, scores)) for scores, right in logits]).mean()
 
-    def label(self, action: PickPlace) -> list[int]:
-        """The bins of an action."""
+    def shares(self, places: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
+        """How right each bin is, (B, bins): places (B,) in bins, and their logits (B, bins)."""
+        count = scores.shape[1]
+        if not self.config.spread:
+            return F.one_hot(places.long().clamp(0, count - 1), count).float()
+        off = (torch.arange(count) + 0.5 - places[:, None]) / self.config.spread
+        return torch.softmax(-(off**2) / 2, dim=1)
+
+    def label(self, action: PickPlace) -> list[float]:
+        """The place of an action's four coordinates, in bins from the table's corner."""
         points = np.array([action.pick.x, action.pick.y, action.place.x, action.place.y])
-        numbers = np.floor((points - np.tile([self.workspace.x_min, self.workspace.y_min], 2)) / BIN)
-        return np.clip(numbers, 0, np.array(self.bins) - 1).astype(int).tolist()
+        return ((points - np.tile([self.workspace.x_min, self.workspace.y_min], 2)) / BIN).tolist()
 
     @torch.no_grad()
     def act(self, scene: Cutouts) -> PickPlace:
         """The action of the likeliest bins' middles, without a turn."""
-        x, y, u, v = (BIN * (scores.argmax().item() + 0.5) for scores in self.eval()(tokens_of([scene])))
-        w = self.workspace
-        return PickPlace(Pose2(w.x_min + x, w.y_min + y), Pose2(w.x_min + u, w.y_min + v))
+        was_training = self.training
+        self.eval()
+        middles = [BIN * (scores.argmax().item() + 0.5) for scores in self(tokens_of([scene]))]
+        self.train(was_training)
+        x = self.workspace.x_min
+        y = self.workspace.y_min
+        pick = Pose2(x + middles[0], y + middles[1])
+        place = Pose2(x + middles[2], y + middles[3])
+        return PickPlace(pick, place)
 
     def actor(self) -> Actor:
         """The rival as an actor in a `segmented_world.SegmentedWorld`."""
@@ -224,13 +257,11 @@ def train(rival: Rival, demos: Sequence[Demonstration], seed: int) -> None:
     labels = torch.tensor([rival.label(step.expert.action) for step in steps])
     config = rival.config
     optimizer = torch.optim.AdamW(rival.parameters(), config.learning_rate, weight_decay=0.0)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, config.learning_rate, total_steps=config.steps, pct_start=WARM_UP
-    )
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: rate(step / config.steps))
     rng = np.random.default_rng(seed)
-    torch.manual_seed(seed)
     rival.train()
-    with tqdm(range(config.steps), "training", unit="step") as bar:
+    with torch.random.fork_rng(devices=[]), tqdm(range(config.steps), "training", unit="step") as bar:
+        torch.manual_seed(seed)  # for the dropout
         for step in bar:
             numbers = torch.from_numpy(rng.integers(len(labels), size=config.batch))
             loss = rival.loss(tokens[numbers], labels[numbers])
@@ -243,21 +274,55 @@ def train(rival: Rival, demos: Sequence[Demonstration], seed: int) -> None:
                 bar.set_postfix(loss=f"{loss.item():.3f}")
 
 
-def parameters(rival: nn.Module) -> int:
+def rate(progress: float) -> float:
+    """The share of the learning rate at a share of the steps: it rises in `WARM_UP`, and falls as a cosine."""
+    if progress < WARM_UP:
+        return (progress + 0.01) / (WARM_UP + 0.01)
+    return 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
+
+
+def count_parameters(network: nn.Module) -> int:
     """The number of trained numbers."""
-    return sum(parameter.numel() for parameter in rival.parameters())
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def check_request(checkpoint: Path, seed: int) -> None:
+    """Refuse what a training would fail at only in its end. Raises ValueError."""
+    card_path(checkpoint)
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
 
 
 def save(rival: Rival, path: Path, facts: dict) -> None:
-    """Write the weights, and beside them a JSON with the configuration and ``facts``."""
-    card = {"config": asdict(rival.config), "table": rival.workspace.limits, **facts}
+    """Write the weights, and beside them a card that `checkpoints.read_card` reads.
+
+    Args:
+        facts: further entries of the card.
+
+    Raises:
+        ValueError: ``path`` does not end in ".safetensors".
+    """
     weights = safetensors.torch.save(rival.state_dict())
-    write_together({path: weights, path.with_suffix(".json"): json.dumps(card, indent=1).encode()})
+    digest = hashlib.sha256(weights).hexdigest()
+    card = {"method": METHOD, "config": asdict(rival.config), "clip": {}, "memory": [], "sha256": digest, **facts}
+    write_together({path: weights, card_path(path): json.dumps(card, indent=1).encode()})
 
 
-def load(path: Path, workspace: Workspace) -> tuple[Rival, dict]:
-    """A saved rival and its card."""
-    card = json.loads(path.with_suffix(".json").read_text())
-    rival = Rival(RivalConfig(**card["config"]), workspace)
-    rival.load_state_dict(safetensors.torch.load_file(path))
-    return rival.eval(), card
+def load(path: Path, card: dict, workspace: Workspace) -> Rival:
+    """A saved rival.
+
+    Args:
+        card: what `checkpoints.read_card` returns for ``path``.
+
+    Raises:
+        ValueError: the file is cut off or changed, or does not fit its card.
+    """
+    weights = path.read_bytes()
+    if hashlib.sha256(weights).hexdigest() != card["sha256"]:
+        raise ValueError(f"the checkpoint {path} is cut off or changed: its SHA-256 is not the one in its JSON")
+    try:
+        rival = Rival(RivalConfig(**card["config"]), workspace)
+        rival.load_state_dict(safetensors.torch.load(weights))
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"the weights in {path} and the configuration in its JSON do not fit: {error}") from error
+    return rival.eval()

@@ -1,20 +1,26 @@
 """What both methods see here: one picture from above, and segmentation in the place of depth (A.1.5).
 
-VIMA gets the true masks of all things. So that GEM sees no more, its depth channel holds the masks, too: in the depth
-picture, each thing is a flat plate, whatever its true form. Nothing else of the two methods' pictures is true geometry.
+VIMA gets the true masks of all things. So that both methods see the same, the masks are in the depth picture: there,
+each thing is a flat plate, whatever its true form. No true height is in any picture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 from typing_extensions import override
 
+from gem_lite.demonstrations import Demonstration
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Workspace
 from gem_lite.simulation.rendering import render
 from gem_lite.simulation.world import World
 
+ABOVE = "above"
+"""The name of the camera."""
 SIZE = (320, 160)
 """Rows and columns of the picture: VIMABench's 3.125 mm a pixel."""
 DISTANCE = 6.0
@@ -31,7 +37,7 @@ def camera_above(workspace: Workspace) -> Camera:
     """The camera that shows a table and nothing else."""
     middle = ((workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2)
     focal = SIZE[0] * DISTANCE / workspace.length
-    return Camera.pinhole("above", (*middle, DISTANCE), _DOWN, SIZE, focal)
+    return Camera.pinhole(ABOVE, (*middle, DISTANCE), _DOWN, SIZE, focal)
 
 
 class SegmentedWorld(World):
@@ -48,3 +54,14 @@ class SegmentedWorld(World):
 def masks(view: View) -> np.ndarray:
     """Which pixels of a view of `SegmentedWorld` show a thing: (H, W) bool."""
     return view.depth < DISTANCE - PLATE / 2
+
+
+def check(demos: Sequence[Demonstration], folder: Path) -> None:
+    """Check that demonstrations are of a `SegmentedWorld`. Raises ValueError naming their folder if one is not."""
+    for demonstration in demos:
+        views = demonstration.steps[0].observation.views
+        if [view.camera.name for view in views] != [ABOVE] or len(np.unique(views[0].depth)) > 2:
+            raise ValueError(
+                f"{folder} must hold demonstrations of one camera above the table, with segmentation in the place of "
+                f"depth (the command collect makes them), got another world's (seed {demonstration.seed})"
+            )

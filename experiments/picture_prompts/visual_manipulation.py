@@ -30,7 +30,7 @@ LAYOUTS = 100
 MARGIN = 0.05
 """A portrait is so much larger than the thing, as a share of the thing's side."""
 SMALLEST_PORTRAIT = 0.125
-"""A portrait shows at least a square of this side (m), which is that of a demonstration's crop."""
+"""A portrait shows at least a square of this side (m): that of a crop of `lite`."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import importlib
 import numpy as np
 import pytest
 import torch
+from scipy import ndimage
 
 from experiments.picture_prompts import cutouts, rival, segmented_world
 from experiments.picture_prompts.rival import Rival, RivalConfig
@@ -13,7 +14,7 @@ from gem_lite import demonstrations, tasks
 from gem_lite.actions import PickPlace
 from gem_lite.evaluation import collecting, results
 from gem_lite.foundations import colors
-from gem_lite.language import ImageQuery, PictureSentence
+from gem_lite.policies import augment, checkpoints
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
@@ -46,9 +47,11 @@ def test_the_depth_shows_masks_and_no_form():
     assert off[~shown].max() <= 2 and (off[shown] > 10).mean() > 0.95
     heightmap = fuse_views((view,), workspace)
     assert np.unique(heightmap.height.round(3)).tolist() == pytest.approx([0.0, segmented_world.PLATE])
+    numbers, count = ndimage.label(heightmap.height > 0.02)
+    middles = [workspace.to_world(*cell) for cell in ndimage.center_of_mass(numbers > 0, numbers, range(1, count + 1))]
+    assert count == len(poses) == 3
     for pose in poses:
-        row, col = workspace.nearest_cell(pose.x, pose.y)
-        assert heightmap.height[max(row - 12, 0) : row + 13, max(col - 12, 0) : col + 13].max() > 0.04
+        assert min(np.hypot(x - pose.x, y - pose.y) for x, y in middles) < 0.025
 
 
 def test_a_cutout_is_padded_and_its_box_is_a_share_of_the_picture():
@@ -71,7 +74,16 @@ def test_a_scene_becomes_its_things(demos):
         w = Workspace()
         at = np.array([(w.y_max - pick.y) / (w.y_max - w.y_min), (pick.x - w.x_min) / (w.x_max - w.x_min)])
         inside = (np.abs(scene.boxes[:, :2] - at) <= scene.boxes[:, 2:] / 2 + 0.01).all(axis=1)
-        assert inside.sum() == 1, "the expert picks one of the things"
+        (picked,) = np.flatnonzero(inside)
+        to_pick, to_place = (np.abs(_colors(scene.things[picked]) - _colors(part)).sum() for part in scene.prompt)
+        assert to_pick < to_place, "the first picture of the prompt shows what the expert picks"
+
+
+def _colors(cutout):
+    """The shares of coarse colours in a cutout, without its background."""
+    pixels = cutout.reshape(-1, 3)
+    shown = pixels[(np.abs(pixels.astype(int) - GRAY).max(axis=1) > 20) & pixels.any(axis=1)]
+    return np.histogramdd(shown, bins=4, range=[(0, 256)] * 3)[0] / len(shown)
 
 
 def test_the_order_and_the_number_of_things_mean_nothing(demos):
@@ -88,13 +100,19 @@ def test_the_order_and_the_number_of_things_mean_nothing(demos):
     for one, other in zip(alone, beside, strict=True):
         assert torch.allclose(one[0], other[0], atol=1e-5), "an absent thing changes nothing"
     assert not torch.allclose(first[0], alone[0], atol=1e-5)
+    exchanged = cutouts.Cutouts(scene.things, scene.boxes, scene.prompt[::-1].copy())
+    with torch.no_grad():
+        other_way = net(rival.tokens_of([exchanged]))
+    assert all(not torch.allclose(one, other, atol=1e-4) for one, other in zip(first, other_way, strict=True))
 
 
 def test_the_bins_of_an_action():
     net = Rival(SMALL, Workspace())
     assert net.bins == (50, 100, 50, 100)
-    assert net.label(PickPlace(Pose2(0.2501, -0.499), Pose2(0.7499, 0.4999))) == [0, 0, 49, 99]
-    assert net.label(PickPlace(Pose2(0.5049, 0.0049), Pose2(0.9, -0.9))) == [25, 50, 49, 0]
+    assert net.label(PickPlace(Pose2(0.2501, -0.499), Pose2(0.7499, 0.4999))) == pytest.approx(
+        [0.01, 0.1, 49.99, 99.99]
+    )
+    assert net.label(PickPlace(Pose2(0.5049, 0.0049), Pose2(0.9, -0.9))) == pytest.approx([25.49, 50.49, 65, -40])
 
 
 def test_a_small_rival_learns_its_demonstrations(demos, tmp_path):
@@ -109,14 +127,26 @@ def test_a_small_rival_learns_its_demonstrations(demos, tmp_path):
         right = step.expert.action
         assert np.hypot(act.pick.x - right.pick.x, act.pick.y - right.pick.y) < 0.02
         assert np.hypot(act.place.x - right.place.x, act.place.y - right.place.y) < 0.02
-    rival.save(first, tmp_path / "rival.safetensors", {"method": "vima-like", "demos": 4, "seed": 2})
-    loaded, card = rival.load(tmp_path / "rival.safetensors", Workspace())
+    rival.save(first, tmp_path / "rival.safetensors", {"demos": 4, "seed": 2})
+    path = tmp_path / "rival.safetensors"
+    card = checkpoints.read_card(path)
+    loaded = rival.load(path, card, Workspace())
     assert card["demos"] == 4
     scene = cutouts.cutouts(demos[1][0].steps[0].observation, demos[1][0].steps[0].instruction)
     assert loaded.act(scene) == first.act(scene)
+    with pytest.raises(ValueError, match="do not fit"):
+        rival.load(path, {**card, "config": {**card["config"], "width": 32}}, Workspace())
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ValueError, match="cut off or changed"):
+        rival.load(path, card, Workspace())
 
 
-def test_both_methods_are_trained_and_measured(demos, tmp_path, model):
+def test_both_methods_are_trained_and_measured(demos, tmp_path, model, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("no training is augmented here")
+
+    for name in ("moved", "rescaled", "recolored"):
+        monkeypatch.setattr(augment, name, refuse)
     measuring = importlib.import_module("experiments.picture_prompts.measuring")
     folder, _ = demos
     gem_file, rival_file = tmp_path / "gem.safetensors", tmp_path / "rival.safetensors"
@@ -128,15 +158,17 @@ def test_both_methods_are_trained_and_measured(demos, tmp_path, model):
         played = measuring.play(trained.actor, "visual-manipulation-objects", "val", 1)
         rows.append(measuring.row(trained, "visual-manipulation-objects", "val", played))
     path = tmp_path / "rows.jsonl"
-    results.file_rows(rows, path, measuring.IDENTITY)
+    results.file_rows(rows, path)
     assert results.read_rows(path) == rows
     assert [(row["method"], row["demos"], row["steps"]) for row in rows] == [("gem", 2, 1), ("vima-like", 4, 160)]
-    assert all(row["parameters"] > 10_000 and row["episodes"] == 1 for row in rows)
+    assert all(row["parameters"] > 10_000 and row["episodes"] == 1 and row["data_sha256"] for row in rows)
+    assert rows[0]["clip_fingerprint"] == model.fingerprint and rows[1]["clip_fingerprint"] is None
+    assert rows[0]["config_hash"] != rows[1]["config_hash"]
     with pytest.raises(ValueError, match="episodes must be from 1 to 4"):
         measuring.train_rival(folder, rival_file, 5, SMALL, 0)
 
 
-def test_gem_has_image_conditioned_maps_alone_and_no_augmentation(demos, model):
+def test_gem_has_image_conditioned_maps_alone_and_no_rules_of_ours(demos, model):
     measuring = importlib.import_module("experiments.picture_prompts.measuring")
     policy = measuring.Unaugmented(measuring.PICTURES_ALONE, model)
     step = demonstrations.load(demos[0])[0].steps[0]
@@ -145,6 +177,18 @@ def test_gem_has_image_conditioned_maps_alone_and_no_augmentation(demos, model):
     maps = policy.maps(scene, picture)
     alone = model.calibration.scale_image(scene.top.score(model.embed_images(picture.picture[None])[0].cpu()))
     assert maps.image is None and np.allclose(maps.fused, alone, atol=1e-6)
-    (prepared, _) = policy.prepare_step(step, ("demos", 0))
-    assert policy.augmented(prepared, np.random.default_rng(0)) is prepared
-    assert isinstance(step.instruction, PictureSentence) and isinstance(picture, ImageQuery)
+    queries = policy.read(step.instruction)
+    assert policy.gates(step.observation.views, policy.inputs(scene, queries), queries) == {}
+
+
+def test_a_peak_counts_if_it_is_nearest_to_its_thing():
+    patch_peaks = importlib.import_module("experiments.picture_prompts.patch_peaks")
+    poses = [Pose2(0.4, 0.0), Pose2(0.5, 0.0), Pose2(0.6, 0.3)]
+    for peak, number, right in (
+        (Pose2(0.41, 0.0), 0, True),
+        (Pose2(0.46, 0.0), 0, False),
+        (Pose2(0.46, 0.0), 1, True),
+        (Pose2(0.6, 0.15), 2, False),
+    ):
+        assert patch_peaks._is_nearest(peak, poses, number) == right
+    assert patch_peaks.with_patches(0.1).top_stride == 0.025

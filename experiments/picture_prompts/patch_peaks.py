@@ -15,20 +15,33 @@ from experiments.picture_prompts.visual_manipulation import NEAR
 from gem_lite import tasks
 from gem_lite.clip import Clip
 from gem_lite.policies.gem import Gem
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.se2 import Pose2
 
-WIDTHS = (0.075, 0.1, 0.125, 0.15, 0.2)
-"""Sides of the patches (m); each stands a quarter of its side, in whole cells, from the next."""
 
-
-def with_patches(width: float) -> Gem.Config:
-    """`PICTURES_ALONE` with patches of another width."""
+def with_patches(width: float) -> GemConfig:
+    """`PICTURES_ALONE` with patches of another width (m). Each is a quarter of it, in whole cells, from the next."""
     stride = round(width / 4 / PICTURES_ALONE.pixel) * PICTURES_ALONE.pixel
     return replace(PICTURES_ALONE, top_patch=width, top_stride=stride)
 
 
-def measure(task_name: str, scenes: int, widths: Sequence[float], clip: Clip) -> dict[float, tuple[float, float]]:
-    """How often the peaks of the maps of pick and place lie near the thing that the picture shows, by patch width."""
+def measure(scenes: int, widths: Sequence[float], clip: Clip) -> dict[float, tuple[float, float]]:
+    """How often the peaks of the maps of pick and place lie near the thing that the picture shows, by patch width.
+
+    The scenes are those of the training level: no number is chosen on things that the other levels hold back.
+
+    Args:
+        widths: of the patches (m).
+
+    Raises:
+        ValueError: ``scenes`` is below 1, or a width is below four cells.
+    """
+    if scenes < 1:
+        raise ValueError(f"scenes must be at least 1, got {scenes}")
+    least = 4 * PICTURES_ALONE.pixel
+    if any(width < least for width in widths):
+        raise ValueError(f"widths must be at least {least} m, four cells, got {tuple(widths)}")
+    task_name = TASK_NAMES[0]
     policies = {width: Gem(with_patches(width), clip) for width in widths}
     right: dict[float, list[list[bool]]] = {width: [] for width in widths}
     with SegmentedWorld() as world:
@@ -55,17 +68,9 @@ def _is_nearest(peak: Pose2, poses: Sequence[Pose2], number: int) -> bool:
     return distances[number] < NEAR and distances[number] == min(distances)
 
 
-def described(shares: dict[str, dict[float, tuple[float, float]]]) -> str:
-    """A line for each level and width."""
+def described(shares: dict[float, tuple[float, float]]) -> str:
+    """A line for each width."""
     return "\n".join(
-        f"{task_name}, patches of {1000 * width:.0f} mm: pick {100 * pick:.0f} %, place {100 * place:.0f} %"
-        for task_name, of_widths in shares.items()
-        for width, (pick, place) in of_widths.items()
+        f"patches of {1000 * width:.0f} mm: pick {100 * pick:.0f} %, place {100 * place:.0f} %"
+        for width, (pick, place) in shares.items()
     )
-
-
-def measure_levels(scenes: int, widths: Sequence[float], clip: Clip) -> dict[str, dict[float, tuple[float, float]]]:
-    """`measure` for each level. Raises ValueError if ``scenes`` is below 1, or a patch is no whole cell wide."""
-    if scenes < 1:
-        raise ValueError(f"scenes must be at least 1, got {scenes}")
-    return {task_name: measure(task_name, scenes, widths or WIDTHS, clip) for task_name in TASK_NAMES}
