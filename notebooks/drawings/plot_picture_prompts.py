@@ -85,12 +85,11 @@ def show_shares(
         shares: for each title, (2, N).
     """
     count = len(things)
-    fig, axes = plt.subplots(
-        3, len(shares) * (count + 1), figsize=(0.75 * len(shares) * (count + 1), 2.7), dpi=90, layout="constrained"
-    )
-    for block, (title, weights) in enumerate(shares.items()):
-        part = axes[:, block * (count + 1) : (block + 1) * (count + 1)]
-        bare(part[0, 0], title).axis("off")
+    fig = plt.figure(figsize=(0.75 * len(shares) * (count + 1), 2.9), dpi=90, layout="constrained")
+    for block, (title, weights) in zip(fig.subfigures(1, len(shares), wspace=0.06), shares.items(), strict=True):
+        part = block.subplots(3, count + 1)
+        block.suptitle(title, fontsize=10)
+        part[0, 0].axis("off")
         for ax, thing in zip(part[0, 1:], things, strict=True):
             bare(ax).imshow(thing)
         for line, prompt, row in zip(part[1:], prompts, weights, strict=True):
@@ -135,15 +134,18 @@ def show_success(rows: Sequence[dict], levels: Mapping[str, str]) -> Figure:
         levels: titles by the names of tasks.
     """
     fig, axes = plt.subplots(1, len(levels), figsize=(3.3 * len(levels), 3.2), sharey=True, layout="constrained")
+    trained = sorted({row["demos"] for row in rows})
     for ax, (task, title) in zip(axes, levels.items(), strict=True):
         for (method, name), color, mark in zip(METHOD_NAMES.items(), SAFE_COLORS, "os", strict=False):
             own = sorted((row["demos"], row["mean"], *row["ci95"]) for row in rows
                          if row["task"] == task and row["method"] == method)  # fmt: skip
             demos, mean, low, high = np.array(own, float).reshape(-1, 4).T
             ax.errorbar(demos, mean, [mean - low, high - mean], fmt=mark, color=color, capsize=3, label=name)
-            counts = np.unique(demos)
-            ax.plot(counts, [mean[demos == count].mean() for count in counts], color=color, lw=1)
+            numbers = np.unique(demos)
+            ax.plot(numbers, [mean[demos == number].mean() for number in numbers], color=color, lw=1)
         ax.set(title=title, xlabel="demonstrations", xscale="log", ylim=(-4, 104))
+        ax.set_xticks(trained, [f"{count}" for count in trained])
+        ax.minorticks_off()
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("success (%)")
     axes[-1].legend(loc="lower right", fontsize=8)
