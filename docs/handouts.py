@@ -3,7 +3,7 @@
     python docs/handouts.py [FOLDER]
 
 The lessons stay as they are stored, with all outputs. Solutions are left out, and so are the answers of "Check
-yourself". Hints stay. What the lessons import from beside them is copied.
+yourself". Hints stay. What the lessons import from beside them is copied, and so is the experiment of lesson 16.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import nbformat
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "build" / "handouts"
+EXPERIMENT = "picture_prompts"
+"""The folder of experiments/ that lesson 16 imports."""
 QUESTIONS = re.compile(r"^## Check yourself$.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 ANSWER = re.compile(r"<details>\s*<summary>(.*?)</summary>.*?</details>", re.DOTALL)
 
@@ -35,6 +37,9 @@ def write(folder: Path) -> list[Path]:
     """Write the handouts of all lessons. Returns their files."""
     beside = shutil.ignore_patterns("*.ipynb", "__pycache__", ".*")
     shutil.copytree(ROOT / "notebooks", folder, ignore=beside, dirs_exist_ok=True)
+    experiments = folder / "experiments"
+    shutil.copytree(ROOT / "experiments" / EXPERIMENT, experiments / EXPERIMENT, ignore=beside, dirs_exist_ok=True)
+    shutil.copy(ROOT / "experiments" / "__init__.py", experiments)
     files = []
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         handout = without_solutions(nbformat.read(path, as_version=4))

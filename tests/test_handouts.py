@@ -46,4 +46,7 @@ def test_exercises_hints_and_questions_stay_and_solutions_and_answers_go(folder)
 
 def test_what_lessons_import_lies_beside_the_handouts(folder):
     code = {path.relative_to(LESSONS) for path in LESSONS.rglob("*.py")}
+    root = LESSONS.parent
+    imported = [root / "experiments" / "__init__.py", *(root / "experiments" / "picture_prompts").rglob("*.py")]
+    code |= {path.relative_to(root) for path in imported}
     assert code == {path.relative_to(folder) for path in folder.rglob("*.py")}

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
-from drawings import pictures, plot_many_tasks, plot_panels, plot_pick, plot_place, plot_results
+from drawings import pictures, plot_many_tasks, plot_panels, plot_pick, plot_picture_prompts, plot_place, plot_results
 from drawings.plot_panels import Panel
 from PIL import Image
 from summaries import Score
@@ -198,3 +198,31 @@ def test_kernels_of_a_channel_share_a_scale_and_the_outside_is_bare():
     assert np.array_equal(np.ma.getmaskarray(drawn[0].images[0].get_array()), ~INSIDE)
     ax = plot_many_tasks.show_cosines(["a", "b"], np.array([[1.0, -0.5], [-0.5, 1.0]]), "title").axes[0]
     assert [text.get_text() for text in ax.texts] == ["1.00", "-0.50", "-0.50", "1.00"]
+
+
+def test_success_has_a_panel_for_each_level_and_a_line_through_the_means_of_each_method():
+    rows = [
+        {"method": method, "task": "first", "demos": demos, "mean": mean, "ci95": [mean - 5, mean + 5]}
+        for method, demos, mean in (("gem", 6, 60.0), ("gem", 6, 70.0), ("gem", 60, 90.0), ("vima-like", 60, 20.0))
+    ]
+    first, second = plot_picture_prompts.show_success(rows, {"first": "one", "second": "two"}).axes
+    assert [first.get_title(), second.get_title()] == ["one", "two"]
+    assert [tick.get_text() for tick in first.get_xticklabels()] == ["6", "60"]
+    lines = [line.get_xydata().tolist() for line in first.lines if line.get_linestyle() == "-"]
+    assert lines == [[[6, 65], [60, 90]], [[60, 20]]]
+    assert [text.get_text() for text in second.get_legend().get_texts()] == ["GEM", "rival after VIMA"]
+
+
+def test_weights_stand_on_their_things_and_a_cross_on_the_weighted_mean():
+    boxes = np.array([[0.25, 0.5, 0.1, 0.2], [0.75, 0.5, 0.1, 0.2]])
+    rows = [
+        ("things", np.array([0.9, 0.1]), np.array([0.3, 0.5]), "C0"),
+        ("places", np.ones((3, 2)), boxes[1, :2], "C1"),
+    ]
+    things, places = plot_picture_prompts.show_places(PICTURE, boxes, rows).axes
+    assert [text.get_text() for text in things.texts] == ["0.90", "0.10"]
+    height, width = PICTURE.shape[:2]
+    assert things.lines[0].get_xydata().tolist() == [[0.5 * width, 0.3 * height]]
+    corner, of_box = things.patches[0].get_xy(), boxes[0] * [height, width, height, width]
+    assert corner == pytest.approx((of_box[1] - of_box[3] / 2 - 0.5, of_box[0] - of_box[2] / 2 - 0.5))
+    assert float(places.images[0].get_array().max()) == 1
