@@ -116,7 +116,8 @@ def render(
 
     Returns:
         The view; and with ``segmentation`` the (H, W) body id of each pixel (-1: no body), plus (link + 1) << 24 on a
-        body's links. Segmentation is for training CLIP and for tests; no policy gets it.
+        body's links. Segmentation is for training CLIP, for tests, and for experiments that
+        say so; no policy of the library gets it.
     """
     forward = camera.rotation[:, 2]
     up = -camera.rotation[:, 1]
