@@ -347,8 +347,9 @@ def test_stored_results_are_shown(capsys):
         assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
 
 
-def test_rows_of_experiments_are_listed_and_shown(capsys):
-    folder = clip.DATA / "real-tables"
+@pytest.mark.parametrize("name", ["real-tables", "picture-prompts"])
+def test_rows_of_experiments_are_listed_and_shown(name, capsys):
+    folder = clip.DATA / name
     assert main(["results", "list", "--folder", str(folder)]) == 0
     listed = capsys.readouterr().out
     for path in folder.glob("*.jsonl"):
