@@ -66,7 +66,7 @@ class Panel:
         color: of the box and of the cross.
         box: (4,), around what is asked for, as in `Shown`.
         peak: the row and the column of the cross.
-        prompt: a picture of the sentence, drawn small into the lower right corner.
+        prompt: a picture of the sentence, drawn small into the upper right corner.
     """
 
     title: str
@@ -97,7 +97,7 @@ def show_maps(title: str, panels: Sequence[Panel]) -> Figure:
         if panel.peak is not None:
             ax.plot(panel.peak[1], panel.peak[0], "x", color=panel.color, ms=9, mew=2, path_effects=OUTLINE)
         if panel.prompt is not None:
-            corner = bare(ax.inset_axes((0.54, 0.02, 0.44, 0.22)))
+            corner = bare(ax.inset_axes((0.54, 0.76, 0.44, 0.22)))
             corner.imshow(panel.prompt)
             corner.spines[:].set(color=panel.color, linewidth=2)
     return fig
