@@ -8,6 +8,7 @@ import pytest
 import torch
 from drawings import pictures, plot_many_tasks, plot_panels, plot_pick, plot_picture_prompts, plot_place, plot_results
 from drawings.plot_panels import Panel
+from matplotlib.colors import to_rgba
 from PIL import Image
 from summaries import Score
 
@@ -213,13 +214,29 @@ def test_success_has_a_panel_for_each_level_and_a_line_through_the_means_of_each
     assert [text.get_text() for text in second.get_legend().get_texts()] == ["GEM", "rival after VIMA"]
 
 
+def test_what_is_asked_for_has_a_box_a_cross_and_its_picture_in_one_colour():
+    box = np.array([0.25, 0.5, 0.1, 0.2])
+    panels = [
+        plot_picture_prompts.Panel("table", PICTURE, "C1", box, prompt=PICTURE[:9, :9]),
+        plot_picture_prompts.Panel("map", np.zeros(PICTURE.shape[:2]), "C2", peak=(7, 5)),
+    ]
+    table, semantic = plot_picture_prompts.show_maps("title", panels).axes[:2]
+    assert [ax.get_title() for ax in (table, semantic)] == ["table", "map"]
+    (corner,) = table.child_axes
+    assert table.patches[0].get_edgecolor() == corner.spines["left"].get_edgecolor() == to_rgba("C1")
+    assert semantic.lines[0].get_xydata().tolist() == [[5, 7]] and semantic.lines[0].get_color() == "C2"
+    assert not table.lines and not semantic.patches and not semantic.child_axes
+
+
 def test_weights_stand_on_their_things_and_a_cross_on_the_weighted_mean():
     boxes = np.array([[0.25, 0.5, 0.1, 0.2], [0.75, 0.5, 0.1, 0.2]])
-    rows = [
-        ("things", np.array([0.9, 0.1]), np.array([0.3, 0.5]), "C0"),
-        ("places", np.ones((3, 2)), boxes[1, :2], "C1"),
+    panels = [
+        plot_picture_prompts.Weights("things", np.array([0.9, 0.1]), np.array([0.3, 0.5]), 0, "C0"),
+        plot_picture_prompts.Weights("places", np.ones((3, 2)), boxes[1, :2], 1, "C1"),
     ]
-    things, places = plot_picture_prompts.show_places(PICTURE, boxes, rows).axes
+    things, places = plot_picture_prompts.show_places(PICTURE, boxes, panels).axes
+    for ax, colors in ((things, ["C0", "0.6"]), (places, ["0.6", "C1"])):
+        assert [box.get_edgecolor() for box in ax.patches] == [to_rgba(color) for color in colors]
     assert [text.get_text() for text in things.texts] == ["0.90", "0.10"]
     height, width = PICTURE.shape[:2]
     assert things.lines[0].get_xydata().tolist() == [[0.5 * width, 0.3 * height]]

@@ -15,6 +15,8 @@ from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR,
 
 METHOD_NAMES = {"gem": "GEM", "vima-like": "rival after VIMA"}
 """Methods as the figure names them."""
+NOT_ASKED = "0.6"
+"""The colour of boxes of things that are not asked for."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,27 @@ def show_prompts(scenes: Sequence[Shown]) -> Figure:
     return fig
 
 
+@dataclass(frozen=True)
+class Panel:
+    """A table from above, or a map of it.
+
+    Attributes:
+        title: what to write above it.
+        picture: (H, W, 3) uint8, or a map (H, W) in [0, 1].
+        color: of the box and of the cross.
+        box: (4,), around what is asked for, as in `Shown`.
+        peak: the row and the column of the cross.
+        prompt: a picture of the sentence, drawn small into the upper right corner.
+    """
+
+    title: str
+    picture: np.ndarray
+    color: str
+    box: np.ndarray | None = None
+    peak: tuple[int, int] | None = None
+    prompt: np.ndarray | None = None
+
+
 def draw_box(ax: Axes, box: np.ndarray, color: str, shape: Sequence[int]) -> tuple[float, float]:
     """Draw a box (4,) of shares on a picture of a shape. Returns its upper left corner (x, y)."""
     row, column, height, width = box * np.tile(shape[:2], 2)
@@ -62,15 +85,21 @@ def draw_box(ax: Axes, box: np.ndarray, color: str, shape: Sequence[int]) -> tup
     return corner
 
 
-def show_maps(title: str, panels: Sequence[tuple[str, np.ndarray]], peaks: Sequence[tuple[int, int] | None]) -> Figure:
-    """Tables and maps of one size in a row. A cross marks the brightest cell. Good for a frame, too."""
-    fig, axes = plt.subplots(1, len(panels), figsize=(1.75 * len(panels), 3.8))
-    fig.subplots_adjust(0.01, 0.01, 0.99, 0.83, 0.06)
-    fig.suptitle(title, fontsize=10)
-    for ax, (name, panel), peak in zip(axes, panels, peaks, strict=True):
-        bare(ax, name).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=1)
-        if peak is not None:
-            ax.plot(peak[1], peak[0], "x", color=PICK_COLOR, ms=9, mew=2, path_effects=OUTLINE)
+def show_maps(title: str, panels: Sequence[Panel]) -> Figure:
+    """Tables and maps of one size in a row. Good for a frame, too."""
+    fig, axes = plt.subplots(1, len(panels), figsize=(2.1 * len(panels), 4.7))
+    fig.subplots_adjust(0.01, 0.01, 0.99, 0.85, 0.06)
+    fig.suptitle(title, fontsize=11)
+    for ax, panel in zip(axes, panels, strict=True):
+        bare(ax, panel.title).imshow(panel.picture, cmap=MAP_COLORS, vmin=0, vmax=1)
+        if panel.box is not None:
+            draw_box(ax, panel.box, panel.color, panel.picture.shape)
+        if panel.peak is not None:
+            ax.plot(panel.peak[1], panel.peak[0], "x", color=panel.color, ms=9, mew=2, path_effects=OUTLINE)
+        if panel.prompt is not None:
+            corner = bare(ax.inset_axes((0.54, 0.76, 0.44, 0.22)))
+            corner.imshow(panel.prompt)
+            corner.spines[:].set(color=panel.color, linewidth=2)
     return fig
 
 
@@ -100,29 +129,47 @@ def show_shares(
     return fig
 
 
-def show_places(
-    table: np.ndarray, boxes: np.ndarray, rows: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]
-) -> Figure:
-    """Weights on things (on their boxes) and on places (as a map), and a cross at the weighted mean of each.
+@dataclass(frozen=True)
+class Weights:
+    """Weights of one picture of the sentence.
+
+    Attributes:
+        title: what to write above them.
+        shares: of things (N,), or of places (m, n).
+        mean: the weighted mean (row, column), as shares of the table's picture.
+        asked: the number of the thing that is asked for.
+        color: of this thing's box and of the mean.
+    """
+
+    title: str
+    shares: np.ndarray
+    mean: np.ndarray
+    asked: int
+    color: str
+
+
+def show_places(table: np.ndarray, boxes: np.ndarray, panels: Sequence[Weights]) -> Figure:
+    """Weights on things (written on their boxes) and on places (as a map), and a cross at the weighted mean of each.
 
     Args:
         table: (H, W, 3).
         boxes: (N, 4) of the things, as shares of the picture.
-        rows: a title, the shares of things (N,) or of places (m, n), the mean (row, column) as shares of the picture,
-            and its colour.
     """
-    fig, axes = plt.subplots(1, len(rows), figsize=(2.05 * len(rows), 3.9), dpi=80, layout="constrained")
+    fig, axes = plt.subplots(1, len(panels), figsize=(2.05 * len(panels), 3.9), dpi=80, layout="constrained")
     height, width = table.shape[:2]
-    for ax, (title, weights, mean, color) in zip(axes, rows, strict=True):
-        bare(ax, title)
-        if weights.ndim == 1:
+    for ax, panel in zip(axes, panels, strict=True):
+        bare(ax, panel.title)
+        of_things = panel.shares.ndim == 1
+        if of_things:
             ax.imshow(table)
-            for box, weight in zip(boxes, weights, strict=True):
-                x, y = draw_box(ax, box, color, table.shape)
-                ax.text(x, y - 4, f"{weight:.2f}", color="white", fontsize=9, path_effects=OUTLINE)
         else:
-            ax.imshow(weights / weights.max(), cmap=MAP_COLORS, extent=(0, width, height, 0))
-        ax.plot(mean[1] * width, mean[0] * height, "x", color=color, ms=9, mew=2, path_effects=OUTLINE)
+            ax.imshow(panel.shares / panel.shares.max(), cmap=MAP_COLORS, extent=(0, width, height, 0))
+        for number, box in enumerate(boxes):
+            x, y = draw_box(ax, box, panel.color if number == panel.asked else NOT_ASKED, table.shape)
+            if of_things:
+                ax.text(x, y - 4, f"{panel.shares[number]:.2f}", color="white", fontsize=9, path_effects=OUTLINE)
+        ax.plot(panel.mean[1] * width, panel.mean[0] * height, "x", color=panel.color, ms=9, mew=2,
+                path_effects=OUTLINE)  # fmt: skip
     return fig
 
 
