@@ -73,7 +73,7 @@ def train_rival(
     width: int = 128,
     layers: int = 2,
     dropout: float = 0.1,
-    spread: float = 1.0,
+    spread: float = 2.0,
     seed: int = 0,
 ) -> None:
     """Train the rival after VIMA.

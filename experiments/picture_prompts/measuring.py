@@ -118,6 +118,7 @@ def load(checkpoint: Path, clip: Clip) -> Trained:
         actor = actors.policy_actor(policy)
     values = json.dumps(asdict(config), sort_keys=True)
     facts = results.policy_entries(card, None) | searched(config)
+    facts["spread"] = config.spread if isinstance(config, RivalConfig) else None
     facts |= {"parameters": parameters, "config_hash": hashlib.sha256(values.encode()).hexdigest()[:12]}
     return Trained(actor, {"method": card["method"], **facts})
 

@@ -65,7 +65,7 @@ class RivalConfig:
     cutout_layers: int = 2
     heads: int = 8
     dropout: float = 0.1
-    spread: float = 1.0
+    spread: float = 2.0
     steps: int = 1000
     batch: int = 32
     learning_rate: float = 1e-3
