@@ -206,12 +206,13 @@ def test_success_has_a_panel_for_each_level_and_a_line_through_the_means_of_each
         {"method": method, "task": "first", "demos": demos, "mean": mean, "ci95": [mean - 5, mean + 5]}
         for method, demos, mean in (("gem", 6, 60.0), ("gem", 6, 70.0), ("gem", 60, 90.0), ("vima-like", 60, 20.0))
     ]
-    first, second = plot_picture_prompts.show_success(rows, {"first": "one", "second": "two"}).axes
+    fig = plot_picture_prompts.show_success(rows, {"first": "one", "second": "two"})
+    first, second = fig.axes
     assert [first.get_title(), second.get_title()] == ["one", "two"]
     assert [tick.get_text() for tick in first.get_xticklabels()] == ["6", "60"]
     lines = [line.get_xydata().tolist() for line in first.lines if line.get_linestyle() == "-"]
     assert lines == [[[6, 65], [60, 90]], [[60, 20]]]
-    assert [text.get_text() for text in second.get_legend().get_texts()] == ["GEM", "rival after VIMA"]
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == ["GEM", "rival after VIMA"]
 
 
 def test_what_is_asked_for_has_a_box_a_cross_and_its_picture_in_one_colour():

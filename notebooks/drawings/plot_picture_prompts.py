@@ -195,5 +195,5 @@ def show_success(rows: Sequence[dict], levels: Mapping[str, str]) -> Figure:
         ax.minorticks_off()
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("success (%)")
-    axes[-1].legend(loc="upper left", fontsize=8)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
