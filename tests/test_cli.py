@@ -347,7 +347,7 @@ def test_stored_results_are_shown(capsys):
         assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
 
 
-@pytest.mark.parametrize("name", ["real-tables", "picture-prompts"])
+@pytest.mark.parametrize("name", ["other-eyes", "picture-prompts", "real-tables"])
 def test_rows_of_experiments_are_listed_and_shown(name, capsys):
     folder = clip.DATA / name
     assert main(["results", "list", "--folder", str(folder)]) == 0
