@@ -16,8 +16,8 @@ PIXELS = 128
 """Rows and columns of a portrait, as VIMABench has rows."""
 DISTANCE = 8.0
 """The camera is so far away (m) that it sees hardly any side of the thing, as a height map."""
-_DOWN = (1.0, 0.0, 0.0, 0.0)
-"""It looks down. x is to the right and y is up, as in a height map."""
+DOWN = (1.0, 0.0, 0.0, 0.0)
+"""The rotation of a camera that looks down. x is to the right and y is up, as in a height map."""
 
 
 def portrait(put: Callable[[int, Pose2], Body], side: float) -> np.ndarray:
@@ -32,6 +32,6 @@ def portrait(put: Callable[[int, Pose2], Body], side: float) -> np.ndarray:
         middle = world.middle
         put(world.client, middle)
         camera = Camera.pinhole(
-            "portrait", (middle.x, middle.y, DISTANCE), _DOWN, (PIXELS, PIXELS), focal=PIXELS * DISTANCE / side
+            "portrait", (middle.x, middle.y, DISTANCE), DOWN, (PIXELS, PIXELS), focal=PIXELS * DISTANCE / side
         )
         return render(world.client, camera, world.light)[0].rgb

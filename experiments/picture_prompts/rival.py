@@ -36,7 +36,7 @@ PATCH = 16
 """Side of a patch of a cutout, as in VIMA."""
 WORDS = 2
 """The prompt's words: "put" and "into"."""
-WAVES = (1, 2, 4, 8, 16)
+FREQUENCIES = (1, 2, 4, 8, 16)
 """A number of a box is also given as sines and cosines of so many half turns."""
 WARM_UP = 0.05
 """The learning rate rises in this share of the steps, and then falls as a cosine."""
@@ -155,9 +155,9 @@ def _mlp(inputs: int, outputs: int, hidden: int) -> nn.Module:
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs))
 
 
-def waves(boxes: torch.Tensor) -> torch.Tensor:
-    """Boxes (..., 4) and the sines and cosines of `WAVES`, (..., 4 * 11): they tell near places apart."""
-    turns = math.pi * boxes[..., None] * torch.tensor(WAVES)
+def fourier_features(boxes: torch.Tensor) -> torch.Tensor:
+    """Boxes (..., 4) and the sines and cosines of `FREQUENCIES`, (..., 4 * 11): they tell near places apart."""
+    turns = math.pi * boxes[..., None] * torch.tensor(FREQUENCIES)
     return torch.cat([boxes[..., None], turns.sin(), turns.cos()], dim=-1).flatten(-2)
 
 
@@ -177,7 +177,7 @@ class Rival(nn.Module):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.cutouts = CutoutEncoder(config)
-            self.box = _mlp(4 * (1 + 2 * len(WAVES)), width, width)
+            self.box = _mlp(4 * (1 + 2 * len(FREQUENCIES)), width, width)
             self.thing = nn.Linear(2 * width, width)
             self.words = nn.Parameter(0.02 * torch.randn(WORDS, width))
             self.prompt_thing = _mlp(width, width, width)
@@ -200,7 +200,7 @@ class Rival(nn.Module):
         """The logits (B, bins) of each coordinate."""
         count, most = tokens.absent.shape
         looks = self.cutouts(torch.cat([tokens.things, tokens.prompt], dim=1).flatten(0, 1)).unflatten(0, (count, -1))
-        things = self.thing(torch.cat([looks[:, :most], self.box(waves(tokens.boxes))], dim=-1))
+        things = self.thing(torch.cat([looks[:, :most], self.box(fourier_features(tokens.boxes))], dim=-1))
         shown = self.prompt_thing(looks[:, most:])
         put, into = (word.expand(count, -1) for word in self.words)
         sentence = torch.stack([put, shown[:, 0], into, shown[:, 1]], dim=1)
@@ -213,9 +213,11 @@ class Rival(nn.Module):
     def loss(self, tokens: Tokens, labels: torch.Tensor) -> torch.Tensor:
         """The cross-entropy of labels (B, 4), a place in bins for each coordinate: the mean over coordinates."""
         logits = zip(self(tokens), labels.T, strict=True)
-        return torch.stack([F.cross_entropy(scores, self.shares(right, scores)) for scores, right in logits]).mean()
+        return torch.stack(
+            [F.cross_entropy(scores, self.soft_labels(right, scores)) for scores, right in logits]
+        ).mean()
 
-    def shares(self, places: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
+    def soft_labels(self, places: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
         """How right each bin is, (B, bins): places (B,) in bins, and their logits (B, bins)."""
         count = scores.shape[1]
         if not self.config.spread:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import override
 
+from experiments.picture_prompts.portraits import DOWN
 from gem_lite.demonstrations import Demonstration
 from gem_lite.rgbd.camera import Camera, View
 from gem_lite.rgbd.observation import Observation
@@ -27,8 +28,6 @@ DISTANCE = 6.0
 """The camera is so far above the table (m) that it sees hardly any side of a thing."""
 PLATE = 0.05
 """The height (m) of every thing in the depth picture: 1 in a network's height channel."""
-_DOWN = (1.0, 0.0, 0.0, 0.0)
-"""The camera looks down. x is to the right and y is up, as in a height map."""
 _BODY = (1 << 24) - 1
 """The bits of a pixel's number that hold the body's id (`render`)."""
 
@@ -37,7 +36,7 @@ def camera_above(workspace: Workspace) -> Camera:
     """The camera that shows a table and nothing else."""
     middle = ((workspace.x_min + workspace.x_max) / 2, (workspace.y_min + workspace.y_max) / 2)
     focal = SIZE[0] * DISTANCE / workspace.length
-    return Camera.pinhole(ABOVE, (*middle, DISTANCE), _DOWN, SIZE, focal)
+    return Camera.pinhole(ABOVE, (*middle, DISTANCE), DOWN, SIZE, focal)
 
 
 class SegmentedWorld(World):

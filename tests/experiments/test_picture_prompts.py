@@ -1,5 +1,6 @@
 """Pictures as prompts: what both methods see, the rival's tokens, and trainings from demonstrations to rows."""
 
+import dataclasses
 import importlib
 
 import numpy as np
@@ -113,6 +114,27 @@ def test_the_bins_of_an_action():
         [0.01, 0.1, 49.99, 99.99]
     )
     assert net.label(PickPlace(Pose2(0.5049, 0.0049), Pose2(0.9, -0.9))) == pytest.approx([25.49, 50.49, 65, -40])
+
+
+def test_labels_are_one_bin_or_soft():
+    places = torch.tensor([25.49, 120.0])
+    logits = torch.zeros(2, 50)
+    one_bin = Rival(dataclasses.replace(SMALL, spread=0.0), Workspace()).soft_labels(places, logits)
+    assert one_bin.argmax(dim=1).tolist() == [25, 49] and one_bin.sum() == 2
+    soft = Rival(SMALL, Workspace()).soft_labels(places, logits)
+    assert soft.argmax(dim=1).tolist() == [25, 49] and torch.allclose(soft.sum(dim=1), torch.ones(2))
+    assert soft[0, 24] > soft[0, 26] > soft[0, 27] > 0, "the middle of bin 24 is nearer to 25.49 than that of bin 26"
+
+
+def test_a_box_has_fourier_features():
+    near = rival.fourier_features(torch.tensor([[0.5, 0.5, 0.1, 0.1], [0.51, 0.5, 0.1, 0.1]]))
+    assert near.shape == (2, 4 * (1 + 2 * len(rival.FREQUENCIES)))
+    assert (near[1] - near[0]).norm() > 20 * 0.01, "one hundredth of the table is seen more than twenty times larger"
+
+
+def test_the_learning_rate_rises_and_falls():
+    rates = [rival.rate(step / 20) for step in range(20)]
+    assert 0 < rates[0] < rates[1] == 1.0 and rates[1:] == sorted(rates[1:], reverse=True) and rates[-1] < 0.02
 
 
 def test_a_small_rival_learns_its_demonstrations(demos, tmp_path):
