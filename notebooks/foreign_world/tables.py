@@ -250,12 +250,17 @@ def random_scene(seed: int) -> Scene:
     others = rng.permutation(["ball", "cylinder", "star", "ring", "mug"])[: rng.integers(0, 3)].tolist()
     kinds = [(blocks[0], "block"), (bowls[0], "bowl"), *((c, "block") for c in blocks[1:])]
     kinds += [(c, "bowl") for c in bowls[1:]] + [(str(rng.choice(NAMED)), kind) for kind in others]
-    looks = list(LOOKS.values())
-    table = np.array(looks[rng.integers(len(looks))][0]) + rng.uniform(-0.02, 0.02)
-    lamp = np.array(looks[rng.integers(len(looks))][1]) + rng.uniform(-0.1, 0.1, 3)
+    table, lamp = random_look(rng, tuple(LOOKS))
     while (things := _spread(kinds, rng)) is None:
         pass
-    return Scene(tuple(table.round(4).tolist()), tuple(lamp.round(4).tolist()), tuple(things))
+    return Scene(table, lamp, tuple(things))
+
+
+def random_look(rng: np.random.Generator, names: tuple[str, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The colour of a table, and where its lamp hangs (m): each near that of one of the named looks."""
+    table = np.array(LOOKS[names[rng.integers(len(names))]][0]) + rng.uniform(-0.02, 0.02)
+    lamp = np.array(LOOKS[names[rng.integers(len(names))]][1]) + rng.uniform(-0.1, 0.1, 3)
+    return tuple(table.round(4).tolist()), tuple(lamp.round(4).tolist())
 
 
 def _spread(kinds: list[tuple[str, str]], rng: np.random.Generator) -> list[Thing] | None:

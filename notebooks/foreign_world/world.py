@@ -18,6 +18,8 @@ REST = 0.004
 """A thing rests if it is slower (m/s, and ten times as many rad/s)."""
 FARTHEST = 5.0
 """A depth camera reaches as far (m)."""
+ROD = '<geom type="capsule" size="0.005 0.05" pos="0 0 -0.055" group="3"/>'
+"""The tool's shape: a rod that is not drawn."""
 DRAWN = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 """The groups of geometries that are drawn. Only they stop a ray: the hidden ones are rougher."""
 
@@ -47,21 +49,25 @@ def tool_pose(x: float, y: float, yaw: float, z: float) -> np.ndarray:
     return np.array([[cos, sin, 0, x], [sin, -cos, 0, y], [0, 0, -1, z], [0, 0, 0, 1.0]])
 
 
-def moving_model(scene: Scene) -> mujoco.MjModel:
-    """The table with its things as free bodies, a tool, and a weld between the tool and each thing that is off."""
-    bodies = "".join(free_body(number, thing) for number, thing in enumerate(scene.things))
-    rod = '<geom type="capsule" size="0.005 0.05" pos="0 0 -0.055" group="3"/>'
-    tool = f'<body name="tool" mocap="true" pos="0.5 0 {HOME}" quat="0 1 0 0">{rod}</body>'
-    welds = "".join(f'<weld body1="tool" body2="thing{number}" active="false"/>' for number in range(len(scene.things)))
+def acting_model(scene: Scene, bodies: str, things: int, tool: str = ROD, more: str = "") -> mujoco.MjModel:
+    """The table with bodies, a tool, and a weld between the tool and each thing that is off.
+
+    Args:
+        bodies: as MJCF, those that move as "thing0", "thing1" and so on, one after the other.
+        things: how many move.
+        tool: the shape of the tool, as MJCF; the origin of its frame is the tip, and z points down to the table.
+        more: sections of the model, as MJCF.
+    """
+    holder = f'<body name="tool" mocap="true" pos="0.5 0 {HOME}" quat="0 1 0 0">{tool}</body>'
+    welds = "".join(f'<weld body1="tool" body2="thing{number}" active="false"/>' for number in range(things))
     option = '<option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="5"/>'
-    return model_of(scene, bodies + tool, f"{option}<equality>{welds}</equality>")
+    return model_of(scene, bodies + holder, f"{option}<equality>{welds}</equality>{more}")
 
 
-class ForeignWorld(AbstractContextManager):
-    """A table of MuJoCo on which a tool picks and places. Call `reset` first, and `close` at the end.
+class ActingTable(AbstractContextManager):
+    """A table of MuJoCo on which a tool picks and places. Call `load` first, and `close` at the end.
 
     Attributes:
-        scene: the table as it was laid: its first thing is the named block, its second the named bowl.
         held: the number of the thing that the tool holds; None if it holds nothing.
     """
 
@@ -77,19 +83,13 @@ class ForeignWorld(AbstractContextManager):
             renderer.close()
         self._renderers = {}
 
-    def reset(self, seed: int) -> Look:
-        """Lay the table of a seed, let all come to rest, and look."""
-        self.lay(random_scene(seed))
-        return self.look()
-
-    def lay(self, scene: Scene) -> None:
-        """Lay a table: its first thing is the named block, its second the named bowl. Nothing is rendered."""
-        if [thing.kind for thing in scene.things[:2]] != ["block", "bowl"]:
-            raise ValueError("the first thing must be the named block, and the second the named bowl")
+    def load(self, model: mujoco.MjModel, things: int) -> None:
+        """Take a model of `acting_model` with its number of things, and let all come to rest. Nothing is rendered."""
         self.close()
-        self.scene, self.held = scene, None
-        self._model = moving_model(scene)
-        self._data = mujoco.MjData(self._model)
+        self.held = None
+        self._things = range(things)
+        self._model = model
+        self._data = mujoco.MjData(model)
         self.settle()
 
     def look(self) -> Look:
@@ -103,35 +103,9 @@ class ForeignWorld(AbstractContextManager):
             depths.append(np.where(depth < FARTHEST, depth, np.float32(0)))
         return Look(colors, depths, list(map(intrinsics, CAMERAS)), list(map(camera_pose, CAMERAS)), list(CAMERAS))
 
-    @property
-    def sentence(self) -> str:
-        """What the episode asks for."""
-        block, bowl = self.scene.things[:2]
-        return f"put the {block.color} block in the {bowl.color} bowl"
-
-    def pose(self, number: int) -> np.ndarray:
-        """(4, 4) true pose of a thing (m). Its origin is where its middle touches the table."""
-        pose, body = np.eye(4), self._data.body(f"thing{number}")
-        pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
-        return pose
-
-    def expert(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """The true pick and place: (x, y, yaw) in metres and radians. The block is not turned."""
-        block, bowl = self.pose(0), self.pose(1)
-        yaw = (math.atan2(block[1, 0], block[0, 0]) + math.pi / 4) % (math.pi / 2) - math.pi / 4
-        x, y, _ = (block @ [0, 0, 0.024, 1])[:3]
-        return (float(x), float(y), yaw), (float(bowl[0, 3]), float(bowl[1, 3]), yaw)
-
     def on_surface(self, x: float, y: float, yaw: float) -> np.ndarray:
         """(4, 4) pose of a tool that touches what truly lies at a place (metres, radians)."""
         return tool_pose(x, y, yaw, HOME - self._below(np.array([x, y, HOME]))[0])
-
-    def solved(self) -> bool:
-        """Whether no tool holds the named block, and it rests with its centre below and within the bowl's rim."""
-        bowl = self.pose(1)
-        x, y, z = (np.linalg.inv(bowl) @ self.pose(0) @ [0, 0, 0.024, 1])[:3]
-        inside = math.hypot(x, y) < INNER[0] and 0 < z < INNER[1] and bowl[2, 2] > 0.95
-        return bool(inside and self.held != 0 and self._speed(0) < 5 * REST)
 
     def pick_place(self, pick: np.ndarray, place: np.ndarray) -> bool:
         """Pick and place with the tool, until all things rest.
@@ -174,7 +148,7 @@ class ForeignWorld(AbstractContextManager):
         calm = 0
         for _ in range(int(longest / self._model.opt.timestep)):
             mujoco.mj_step(self._model, self._data)
-            calm = calm + 1 if max(map(self._speed, range(len(self.scene.things)))) < REST else 0
+            calm = calm + 1 if max(map(self._speed, self._things)) < REST else 0
             if calm >= 50:
                 return
 
@@ -214,7 +188,7 @@ class ForeignWorld(AbstractContextManager):
         mujoco.mj_forward(self._model, self._data)
         far, body = self._below(self._data.mocap_pos[0])
         number = body - self._model.body("thing0").id
-        if far > SUCTION or not 0 <= number < len(self.scene.things):
+        if far > SUCTION or number not in self._things:
             return None
         tool, thing = self._data.body("tool"), self._data.body(body)
         quat = np.zeros(4)
@@ -229,6 +203,53 @@ class ForeignWorld(AbstractContextManager):
         pairs = self._model.geom_bodyid[self._data.contact.geom]
         own = self._model.body(name).id
         return {int(body) for pair in pairs if own in pair for body in pair if body != own}
+
+
+class ForeignWorld(ActingTable):
+    """An `ActingTable` with blocks and bowls. Call `reset` first, and `close` at the end.
+
+    Attributes:
+        scene: the table as it was laid: its first thing is the named block, its second the named bowl.
+    """
+
+    def reset(self, seed: int) -> Look:
+        """Lay the table of a seed, let all come to rest, and look."""
+        self.lay(random_scene(seed))
+        return self.look()
+
+    def lay(self, scene: Scene) -> None:
+        """Lay a table: its first thing is the named block, its second the named bowl. Nothing is rendered."""
+        if [thing.kind for thing in scene.things[:2]] != ["block", "bowl"]:
+            raise ValueError("the first thing must be the named block, and the second the named bowl")
+        self.scene = scene
+        bodies = "".join(free_body(number, thing) for number, thing in enumerate(scene.things))
+        self.load(acting_model(scene, bodies, len(scene.things)), len(scene.things))
+
+    @property
+    def sentence(self) -> str:
+        """What the episode asks for."""
+        block, bowl = self.scene.things[:2]
+        return f"put the {block.color} block in the {bowl.color} bowl"
+
+    def pose(self, number: int) -> np.ndarray:
+        """(4, 4) true pose of a thing (m). Its origin is where its middle touches the table."""
+        pose, body = np.eye(4), self._data.body(f"thing{number}")
+        pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+        return pose
+
+    def expert(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The true pick and place: (x, y, yaw) in metres and radians. The block is not turned."""
+        block, bowl = self.pose(0), self.pose(1)
+        yaw = (math.atan2(block[1, 0], block[0, 0]) + math.pi / 4) % (math.pi / 2) - math.pi / 4
+        x, y, _ = (block @ [0, 0, 0.024, 1])[:3]
+        return (float(x), float(y), yaw), (float(bowl[0, 3]), float(bowl[1, 3]), yaw)
+
+    def solved(self) -> bool:
+        """Whether no tool holds the named block, and it rests with its centre below and within the bowl's rim."""
+        bowl = self.pose(1)
+        x, y, z = (np.linalg.inv(bowl) @ self.pose(0) @ [0, 0, 0.024, 1])[:3]
+        inside = math.hypot(x, y) < INNER[0] and 0 < z < INNER[1] and bowl[2, 2] > 0.95
+        return bool(inside and self.held != 0 and self._speed(0) < 5 * REST)
 
 
 def _down(yaw: float) -> np.ndarray:
