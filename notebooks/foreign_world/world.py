@@ -124,7 +124,7 @@ class ActingTable(AbstractContextManager):
         (pick_x, pick_y, pick_z), pick_yaw = _planar(pick, "pick")
         (place_x, place_y, place_z), place_yaw = _planar(place, "place")
         self._data.mocap_pos[0] = pick_x, pick_y, HOME
-        self._data.mocap_quat[0] = _down(pick_yaw)
+        self._data.mocap_quat[0] = tool_down(pick_yaw)
         self._move((pick_x, pick_y, pick_z + CLEAR), pick_yaw, 0.25, self._meets)
         tip = self._data.mocap_pos[0].copy()
         self.held = self._suck()
@@ -170,7 +170,7 @@ class ActingTable(AbstractContextManager):
             share = step / steps
             share *= share * (3 - 2 * share)  # starts and ends at rest
             self._data.mocap_pos[0] = start + share * (np.array(goal) - start)
-            self._data.mocap_quat[0] = _down(start_yaw + share * turn)
+            self._data.mocap_quat[0] = tool_down(start_yaw + share * turn)
             mujoco.mj_step(self._model, self._data)
 
     def _below(self, point: np.ndarray) -> tuple[float, int]:
@@ -252,7 +252,7 @@ class ForeignWorld(ActingTable):
         return bool(inside and self.held != 0 and self._speed(0) < 5 * REST)
 
 
-def _down(yaw: float) -> np.ndarray:
+def tool_down(yaw: float) -> np.ndarray:
     """(4,) quaternion (w first) of a tool that points down."""
     return np.array([0.0, math.cos(yaw / 2), math.sin(yaw / 2), 0.0])
 
