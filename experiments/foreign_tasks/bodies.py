@@ -16,6 +16,8 @@ from experiments.foreign_tasks.table import TaskTable
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.shapes import Body
 
+PAINTS = COLORS | {"gray": (0.34, 0.34, 0.35)}
+"""The colours of things. The lamps are bright: the gray of the other tables looks white."""
 BROWNS = ((0.80, 0.60, 0.44), (0.50, 0.33, 0.20), (0.22, 0.13, 0.08))
 """Three plates, from light to dark."""
 WOOD, DARK = (0.50, 0.33, 0.20), (0.10, 0.10, 0.10)
@@ -33,14 +35,14 @@ PRINT = 0.001
 ALIKE = 0.9
 """A turned outline that shares this part of its area with itself looks the same."""
 MASS = 0.02
-RING_BOXES = 16
+RING_BOXES = 8
 
 Color = str | tuple[float, ...]
 
 
 def paint(color: Color) -> str:
     """The attributes of a shape of a colour: a name, or (r, g, b)."""
-    red, green, blue = COLORS[color] if isinstance(color, str) else color
+    red, green, blue = PAINTS[color] if isinstance(color, str) else color
     return f'rgba="{red} {green} {blue} 1" material="plastic"'
 
 
@@ -165,6 +167,16 @@ def add_plate(
     )
     contact = f'<geom type="box" size="{x / 2} {y / 2} {thickness / 2}" pos="0 0 {thickness / 2}" group="3"/>'
     table.fix(drawn(table, outline, thickness, color) + contact, pose)
+
+
+def add_peg(
+    table: TaskTable, side: float, thickness: float, peg: tuple[float, float], color: Color, pose: Pose2
+) -> None:  # fmt: skip
+    """A fixed square plate with a peg in its middle; ``peg`` is its radius and the height of its upper end (m)."""
+    radius, top = peg
+    half = (top - thickness) / 2
+    rod = f'<geom type="cylinder" size="{radius} {half}" pos="0 0 {thickness + half}" {paint(color)}/>'
+    table.fix(solid_box((side, side, thickness), color) + rod, pose)
 
 
 def add_hole(table: TaskTable, outline: Polygon, pose: Pose2, height: float) -> None:
