@@ -16,7 +16,7 @@ from experiments.foreign_tasks.table import TaskTable
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies.shapes import Body
 
-PAINTS = COLORS | {"gray": (0.34, 0.34, 0.35)}
+PAINTS = COLORS | {"gray": (0.43, 0.43, 0.44)}
 """The colours of things. The lamps are bright: the gray of the other tables looks white."""
 BROWNS = ((0.80, 0.60, 0.44), (0.50, 0.33, 0.20), (0.22, 0.13, 0.08))
 """Three plates, from light to dark."""
@@ -134,7 +134,7 @@ def add_piece(table: TaskTable, outline: Polygon, color: str, pose: Pose2) -> Bo
 
 def add_block(table: TaskTable, side: float, color: str, pose: Pose2, mass: float = MASS) -> Body:
     """A cube."""
-    return table.put(solid_box((side,) * 3, color, f'mass="{mass}" condim="4"'), pose)
+    return table.put(solid_box((side,) * 3, color, f'mass="{mass}"'), pose)
 
 
 def add_ring(

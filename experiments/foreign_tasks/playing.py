@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from foreign_world import ForeignWorld  # first: it chooses a renderer for MuJoCo
 from tqdm import tqdm
 
 from experiments.foreign_table import measuring

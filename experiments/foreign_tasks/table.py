@@ -102,10 +102,10 @@ class TaskTable(ActingTable):
         behind = Pose2(start.x, start.y, yaw) @ Pose2(-RUN_UP, 0.0)
         self._data.mocap_pos[0] = behind.x, behind.y, HOME
         self._data.mocap_quat[0] = tool_down(yaw)
-        self._move((behind.x, behind.y, BLADE_ABOVE), yaw, 0.4, lambda: bool(self._contacts("tool")))
+        self._move((behind.x, behind.y, BLADE_ABOVE), yaw, 1.0, lambda: bool(self._contacts("tool")))
         height = float(self._data.mocap_pos[0][2])
         self._move((end.x, end.y, height), yaw, 0.15)
-        self._move((end.x, end.y, HOME), yaw, 0.4)
+        self._move((end.x, end.y, HOME), yaw, 1.0)
         self.settle()
 
     def _contacts(self, name: str) -> set[int]:
