@@ -31,8 +31,8 @@ BOWL_POLICY = str(clip.DATA / "gem-put-block-in-bowl.safetensors")
 SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
-    "benchmark", "clip_tabletop", "foreign_table", "other_eyes", "other_words", "picture_prompts", "planning",
-    "pointing", "real_tables", "sensor_noise",
+    "benchmark", "clip_tabletop", "foreign_table", "foreign_tasks", "other_eyes", "other_words", "picture_prompts",
+    "planning", "pointing", "real_tables", "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -41,7 +41,9 @@ COMMANDS = (
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
     "clip_tabletop withheld-picks",
     "foreign_table record", "foreign_table measure",
-    "foreign_table refusals", "foreign_table scenes", "other_eyes pictures", "other_eyes peaks", "other_words fit",
+    "foreign_table refusals", "foreign_table scenes",
+    "foreign_tasks expert", "foreign_tasks measure", "foreign_tasks draw",
+    "other_eyes pictures", "other_eyes peaks", "other_words fit",
     "other_words measure",
     "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
     "picture_prompts peaks", "planning play", "planning table", "planning nouns", "planning swap", "pointing",
@@ -213,6 +215,12 @@ foreign_table measure none.safetensors | the checkpoint none.safetensors is not 
 foreign_table measure none.safetensors --episodes 0 | episodes must be a whole number from 1 to 1000, got 0
 foreign_table refusals --tables 5 | tables must be a whole number from 6 to 1000, got 5
 foreign_table scenes | requires an argument
+foreign_tasks expert bowls | family must be one of assembling-kits, stack-block-pyramid, towers-of-hanoi, separating-pil
+foreign_tasks expert towers-of-hanoi --episodes 0 | episodes must be a whole number from 1 to 1000, got 0
+foreign_tasks measure none.safetensors bowls | family must be one of assembling-kits, stack-block-pyramid,
+foreign_tasks measure none.safetensors assembling-kits | the checkpoint none.safetensors is not complete
+foreign_tasks measure none.safetensors assembling-kits --split train | Choose from: "val", "test".
+foreign_tasks draw | requires an argument
 other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0

@@ -145,7 +145,7 @@ def add_ring(
     outline = Point(0, 0).buffer(outer).difference(Point(0, 0).buffer(inner))
     middle = (inner + outer) / 2
     half = f"{(outer - inner) / 2} {middle * math.tan(math.pi / RING_BOXES)} {thickness / 2}"
-    one = f'<geom type="box" size="{half}" pos="{middle} 0 {thickness / 2}" mass="{MASS / RING_BOXES}" {HIDDEN}/>'
+    one = f'<geom type="box" size="{half}" pos="{middle} 0 {thickness / 2}" mass="{MASS / RING_BOXES}" group="3"/>'
     boxes = f'<replicate count="{RING_BOXES}" euler="0 0 {360 / RING_BOXES}">{one}</replicate>'
     return table.put(drawn(table, outline, thickness, color) + boxes, pose, height)
 
