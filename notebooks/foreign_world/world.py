@@ -148,14 +148,14 @@ class ActingTable(AbstractContextManager):
         calm = 0
         for _ in range(int(longest / self._model.opt.timestep)):
             mujoco.mj_step(self._model, self._data)
-            calm = calm + 1 if max(map(self._speed, self._things)) < REST else 0
+            calm = calm + 1 if self._speeds().max() < REST else 0
             if calm >= 50:
                 return
 
-    def _speed(self, number: int) -> float:
-        """A thing's speed (m/s); a tenth of its turning (rad/s) if that is more."""
-        velocity = self._data.qvel[6 * number : 6 * number + 6]
-        return max(float(np.linalg.norm(velocity[:3])), 0.1 * float(np.linalg.norm(velocity[3:])))
+    def _speeds(self) -> np.ndarray:
+        """(N,) each thing's speed (m/s); a tenth of its turning (rad/s) if that is more."""
+        velocities = self._data.qvel.reshape(-1, 2, 3)
+        return (np.linalg.norm(velocities, axis=2) * (1.0, 0.1)).max(axis=1)
 
     def _move(self, goal: tuple[float, ...], yaw: float, speed: float, stop: Callable[[], bool] = bool) -> None:
         """Drive the tool's tip to a place (m) in a straight line, at most ``speed`` m/s, or until ``stop``."""
@@ -200,9 +200,10 @@ class ActingTable(AbstractContextManager):
 
     def _contacts(self, name: str) -> set[int]:
         """The bodies that touch a body."""
-        pairs = self._model.geom_bodyid[self._data.contact.geom]
+        pairs = self._model.geom_bodyid[self._data.contact.geom].reshape(-1, 2)
         own = self._model.body(name).id
-        return {int(body) for pair in pairs if own in pair for body in pair if body != own}
+        touching = pairs[(pairs == own).any(axis=1)]
+        return set(touching[touching != own].tolist())
 
 
 class ForeignWorld(ActingTable):
@@ -249,7 +250,7 @@ class ForeignWorld(ActingTable):
         bowl = self.pose(1)
         x, y, z = (np.linalg.inv(bowl) @ self.pose(0) @ [0, 0, 0.024, 1])[:3]
         inside = math.hypot(x, y) < INNER[0] and 0 < z < INNER[1] and bowl[2, 2] > 0.95
-        return bool(inside and self.held != 0 and self._speed(0) < 5 * REST)
+        return bool(inside and self.held != 0 and self._speeds()[0] < 5 * REST)
 
 
 def tool_down(yaw: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely import affinity
 
-pytest.importorskip("mujoco")
+pytest.importorskip("foreign_world")
 
 from experiments.foreign_tasks import bodies, families, playing
 from experiments.foreign_tasks.__main__ import APP
