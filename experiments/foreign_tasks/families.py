@@ -115,9 +115,9 @@ class TowersOfHanoi(Task):
         side = other_size(rng) * towers_of_hanoi.PLATE[0]
         thickness = rng.uniform(0.006, 0.014)
         ring_height = rng.uniform(0.009, 0.013)
-        inner = rng.uniform(0.014, 0.017)
         factor = other_size(rng)
         peg = rng.uniform(0.004, 0.006), thickness + 3 * ring_height + rng.uniform(0.008, 0.02)
+        inner = peg[0] + rng.uniform(0.008, 0.0098)  # So a ring that hangs on a peg is at most 1 cm off.
         stand = free.take(math.hypot(side, 3 * side) / 2)
         plates = [stand @ Pose2(0, number * side) for number in (-1, 0, 1)]
         for color, plate in zip(bodies.BROWNS, plates, strict=True):
