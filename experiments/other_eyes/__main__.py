@@ -33,6 +33,7 @@ def peaks(
     scenes: int = 50,
     kinds: tuple[str, ...] = (),
     sources: tuple[str, ...] = (),
+    split: base.Split = "test",
     detector: str = "",
     clip: base.Clip = None,
     out: base.Out = None,
@@ -40,14 +41,16 @@ def peaks(
     """Measure how often the peak of a map lies on the named thing, for each source, and the seconds of a scene.
 
     Args:
-        scenes: number of test scenes of each kind
+        scenes: number of scenes of each kind
         kinds: kinds of scenes: put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen, touching-blocks
             (without it: all)
-        sources: map sources (without it: multi-view, single-view, dense and regions)
+        sources: map sources (without it: multi-view, single-view, dense and regions; besides, there are
+            regions-that-rise and regions-of-whole-things, two other ways to propose regions)
         detector: Hugging Face name or folder of a detector, for the source owl-vit or grounding-dino
 
     Examples:
       python -m experiments.other_eyes peaks --scenes 10
+      python -m experiments.other_eyes peaks --split val --sources regions regions-that-rise
       python -m experiments.other_eyes peaks --sources owl-vit --detector google/owlvit-base-patch32
     """
     import torch
@@ -57,7 +60,7 @@ def peaks(
 
     torch.set_num_threads(1)
     path = results.output(False, out, "other-eyes")
-    rows = measuring.measure(sources, kinds, scenes, detector, clip, path)
+    rows = measuring.measure(sources, kinds, split, scenes, detector, clip, path)
     print(measuring.described(rows))
     print(f"the rows are in {path}")
 
