@@ -127,11 +127,11 @@ def measure(
 
 def described(rows: Sequence[dict]) -> str:
     """The rows as a table: the share in percent, its interval, and the median seconds from pictures to maps."""
-    lines = [f"{'scenes':36}{'asked':8}{'source':16}{'peak on it':>12}{'95 % interval':>18}{'seconds':>9}"]
+    lines = [f"{'scenes':36}{'asked':8}{'source':26}{'peak on it':>12}{'95 % interval':>18}{'seconds':>9}"]
     for row in rows:
         low, high = row["ci95"]
         interval = f"[{low}, {high}]"
         lines.append(
-            f"{row['task']:36}{row['subset']:8}{row['method']:16}{row['mean']:12.1f}{interval:>18}{row['seconds']:9.2f}"
+            f"{row['task']:36}{row['subset']:8}{row['method']:26}{row['mean']:12.1f}{interval:>18}{row['seconds']:9.2f}"
         )
     return "\n".join(lines)
