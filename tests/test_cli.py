@@ -41,7 +41,8 @@ COMMANDS = (
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
     "clip_tabletop withheld-picks",
     "foreign_table record", "foreign_table measure",
-    "foreign_table refusals", "foreign_table scenes", "other_eyes pictures", "other_eyes peaks", "other_words fit",
+    "foreign_table refusals", "foreign_table scenes", "other_eyes pictures", "other_eyes peaks", "other_eyes acts",
+    "other_words fit",
     "other_words measure",
     "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
     "picture_prompts peaks", "planning play", "planning table", "planning nouns", "planning swap", "pointing",
@@ -215,6 +216,8 @@ foreign_table refusals --tables 5 | tables must be a whole number from 6 to 1000
 foreign_table scenes | requires an argument
 other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
+other_eyes acts a.png b --kind put-block-in-bowl-seen-colors | checkpoints must be at least two, got 1
+other_eyes acts a.png b c --kind put-block-in-bowl-seen-colors --scenes 0 | count must be at least 1, got 0
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
 other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 from gem_lite.cli import base
 
@@ -65,7 +66,35 @@ def peaks(
     print(f"the rows are in {path}")
 
 
-APP = base.make_app("python -m experiments.other_eyes", __doc__, pictures, peaks)
+def acts(
+    picture: Path,
+    /,
+    *checkpoints: Path,
+    kind: Literal["put-block-in-bowl-seen-colors", "pick-object-part-in-brown-box-seen"],
+    scenes: int = 3,
+    clip: base.Clip = None,
+) -> None:
+    """Draw validation scenes on which some policies pick the named thing and others do not: what a source loses.
+
+    Args:
+        picture: PNG to write
+        checkpoints: two or more of GEM, with other map sources
+        kind: kind of scenes
+        scenes: number of scenes to draw
+
+    Examples:
+      python -m experiments.other_eyes acts a7.png a.safetensors b.safetensors --kind put-block-in-bowl-seen-colors
+    """
+    import torch
+
+    from experiments.other_eyes import acts as drawing
+
+    torch.set_num_threads(1)
+    drawn = drawing.draw(picture, kind, checkpoints, scenes, clip)
+    print(f"{drawn} scenes are in {picture}")
+
+
+APP = base.make_app("python -m experiments.other_eyes", __doc__, pictures, peaks, acts)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

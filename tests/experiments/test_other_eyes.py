@@ -1,9 +1,11 @@
 """Peaks of maps from other sources, on scenes with known things."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from experiments.other_eyes import peaks, pictures, proposals, scenes
+from experiments.other_eyes import acts, peaks, pictures, proposals, scenes
 from gem_lite import tasks
 from gem_lite.evaluation import results
 from gem_lite.maps import regions
@@ -86,3 +88,21 @@ def test_the_ways_to_propose_regions_differ_in_a_flat_part(name, expected, monke
     proposed = source.propose(None)
     assert len(proposed) == expected
     assert np.any(proposed, axis=0)[25, 12] == (name != "regions-that-rise")
+
+
+def test_a_scene_is_drawn_if_the_policies_differ():
+    with scenes.world_of(scenes.BOWLS) as world:
+        scene = scenes.look(world, scenes.BOWLS, "val", 0)
+    inside = tuple(np.argwhere(scene.questions[0].cells)[0])
+    table = fuse_views(scene.views, scenes.configuration(scenes.BOWLS).workspace)
+
+    def policy(cell):
+        source = peaks.make_source("regions", scenes.BOWLS, "", None)
+        chosen = SimpleNamespace(pick_cell=(0, *cell), heightmap=table)
+        return SimpleNamespace(config=source.config, source=source, decide=lambda observation, queries: chosen)
+
+    right, wrong = policy(inside), policy((0, 0))
+    assert acts.row_of(scene, [right, right]) == acts.row_of(scene, [wrong, wrong]) == []
+    titles = [title for title, *_ in acts.row_of(scene, [right, wrong])]
+    assert titles[0].startswith(f'"{scene.questions[0].phrase}"')
+    assert titles[1:] == ["regions\npick: right", "regions\npick: wrong"]
