@@ -86,7 +86,7 @@ VARIED = Look(
 DIVERSE = replace(
     VARIED, name="diverse", light=Light(shadow=True), lamp=LampRange(1.0, 0.3, tint=0.15, contrast=0.5, shadows=0.5),
     sensors=(D455,) * len(CAMERAS), erring=1 / 3, stretch=(0.8, 1.1), grays=(0.6, 1.8),
-    fonts=(FONT, "DejaVu Sans Mono", "DejaVu Serif"),
+    fonts=(FONT, "STIXGeneral"),
 )  # fmt: skip
 """For demonstrations: "varied" with other proportions, fonts, lamps and tables, and errors of cameras in a third of the
 episodes."""
