@@ -1,15 +1,18 @@
 """The bridge for environments that speak CLIPort's dictionaries. Copy it into your program.
 
-    choice = policy.decide(from_cliport(observation, cameras), sentence, empty_picks)
+    choice = policy.decide(from_cliport(observation, cameras), read_cliport(sentence), empty_picks)
     action = to_cliport(choice.action, choice.heightmap)
 
-Three things differ there. CLIPort's poses have a height, so `to_cliport` needs the height map, and only `decide` gives
-it. CLIPort's blade stops 5 cm before the second pose of a push, so `to_cliport` moves that pose on by 5 cm. And CLIPort
-does not return its log of grasps: the caller has to keep the ``empty_picks`` of `Policy.act`.
+Four things differ there. CLIPort names the holes of a kit in another frame, and two corners of the rope's guide in
+another order than our demonstrations; `read_cliport` says them in our words. CLIPort's poses have a height, so
+`to_cliport` needs the height map, and only `decide` gives it. CLIPort's blade stops 5 cm before the second pose of a
+push, so `to_cliport` moves that pose on by 5 cm. And CLIPort does not return its log of grasps: the caller has to keep
+the ``empty_picks`` of `Policy.act`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +27,8 @@ from gem_lite.se2 import Pose2, quaternion
 
 CLIPORT_STOPS_BEFORE = 0.05
 """CLIPort's blade stops this far (m) before the second pose of a push."""
+HOLES = {"top": "left", "bottom": "right", "left": "bottom", "right": "top"}
+"""CLIPort's word for the place of a hole, and ours: there, top is towards smaller x and left towards smaller y."""
 
 
 def from_cliport(observation: Mapping[str, Sequence[np.ndarray]], cameras: Sequence[Mapping[str, Any]]) -> Observation:
@@ -49,6 +54,15 @@ def from_cliport(observation: Mapping[str, Sequence[np.ndarray]], cameras: Seque
         poses.append(np.array(as_pose(Rotation.from_quat(rotation).as_matrix(), position.tolist())))
     colors = [np.asarray(color)[..., :3] for color in observation["color"]]
     return Observation.from_arrays(colors, observation["depth"], intrinsics, poses)
+
+
+def read_cliport(sentence: str) -> str:
+    """A sentence of CLIPort, with the words that our demonstrations use for the same places; others stay as they are.
+
+    Holes of a kit have other words (`HOLES`). The rope's two ends are alike, so the order of two corners says nothing.
+    """
+    sentence = re.sub(r"(?<= in the )(top|bottom|left|right)(?= .* hole$)", lambda word: HOLES[word[0]], sentence)
+    return sentence.replace("back right corner to back left corner", "back left corner to back right corner")
 
 
 def _numbers(camera: Mapping[str, Any], key: str, count: int, number: int) -> np.ndarray:

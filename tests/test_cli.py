@@ -43,7 +43,7 @@ COMMANDS = (
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes",
     "foreign_tasks expert", "foreign_tasks measure", "foreign_tasks draw",
-    "other_eyes pictures", "other_eyes peaks", "other_words fit",
+    "other_eyes pictures", "other_eyes peaks", "other_eyes acts", "other_words fit",
     "other_words measure",
     "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
     "picture_prompts peaks", "planning play", "planning table", "planning nouns", "planning swap", "pointing",
@@ -223,6 +223,8 @@ foreign_tasks measure none.safetensors assembling-kits --split train | Choose fr
 foreign_tasks draw | requires an argument
 other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
+other_eyes acts a.png b --kind put-block-in-bowl-seen-colors | checkpoints must be at least two, got 1
+other_eyes acts a.png b c --kind put-block-in-bowl-seen-colors --scenes 0 | count must be at least 1, got 0
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
 other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:

@@ -104,6 +104,31 @@ def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi, world):
         (observation,) = world.step(action).observations
 
 
+@pytest.mark.parametrize(("second", "is_kept"), [(0.75, True), (0.85, False), (0.0, True)])
+def test_a_place_keeps_to_the_peak_of_a_decided_map(second, is_kept):
+    policy = policy_of("gem-with-place-peak")
+    semantic = spots((40, 40, 1.0), (90, 20, second))[None]
+    inputs = Inputs(rgbd=torch.zeros(4, *SHAPE), maps={"pick": semantic, "place": semantic})
+    for push in (False, True):
+        gates = policy.gates((), inputs, Queries("block", "square", push=push))
+        cells = gated([gates], "place", EVERYWHERE[None])[0]
+        assert cells[40, 40] and cells[90, 20] == cells[0, 0] == (not is_kept)
+        assert cells[40, 44] and cells[40, 45] == (not is_kept), "30 mm are 4.8 cells"
+    assert "place" not in policy_of().gates((), inputs, Queries("block", "square"))
+
+
+def test_a_map_is_decided_by_all_tables_together():
+    policy = policy_of("gem-with-place-peak")
+    gates = [
+        policy.gates(
+            (), Inputs(rgbd=torch.zeros(4, *SHAPE), maps={"pick": semantic, "place": semantic}), Queries("a", "b")
+        )
+        for semantic in (spots((40, 40, 1.0))[None], spots((20, 20, 0.85))[None])
+    ]
+    allowed = torch.ones(2, *SHAPE, dtype=torch.bool)
+    assert gated(gates, "place", allowed).all(), "neither table alone has two high places"
+
+
 def test_a_push_may_start_away_from_the_peak_of_its_map():
     policy = policy_of()
     semantic = spots((40, 40, 1.0))[None]

@@ -6,7 +6,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
-from drawings import pictures, plot_many_tasks, plot_panels, plot_pick, plot_picture_prompts, plot_place, plot_results
+from drawings import (
+    pictures,
+    plot_many_tasks,
+    plot_other_eyes,
+    plot_panels,
+    plot_pick,
+    plot_picture_prompts,
+    plot_place,
+    plot_results,
+)
 from drawings.plot_panels import Panel
 from matplotlib.colors import to_rgba
 from PIL import Image
@@ -244,3 +253,18 @@ def test_weights_stand_on_their_things_and_a_cross_on_the_weighted_mean():
     corner, of_box = things.patches[0].get_xy(), boxes[0] * [height, width, height, width]
     assert corner == pytest.approx((of_box[1] - of_box[3] / 2 - 0.5, of_box[0] - of_box[2] / 2 - 0.5))
     assert float(places.images[0].get_array().max()) == 1
+
+
+def test_success_by_map_source_has_a_mark_and_an_interval_for_each_task():
+    success = {
+        "patches": {"bowls": (100.0, 93.0, 100.0), "parts": (86.0, 60.0, 92.0)},
+        "regions": {"bowls": (90.0, 80.0, 96.0), "parts": (30.0, 10.0, 55.0)},
+    }
+    figure = plot_other_eyes.show_success(success)
+    ax = figure.axes[0]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["bowls", "parts"]
+    for (marks, _, (bars,)), of_tasks in zip(ax.containers, success.values(), strict=True):
+        assert marks.get_ydata().tolist() == [mean for mean, _, _ in of_tasks.values()]
+        ends = [(line[:, 1].min(), line[:, 1].max()) for line in bars.get_segments()]
+        assert ends == [pytest.approx(interval[1:]) for interval in of_tasks.values()]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == list(success)

@@ -1,4 +1,4 @@
-"""The map source "regions": what rises above the table, each thing filled with one score."""
+"""The map source "regions": each thing on the table, filled with one score."""
 
 import dataclasses
 
@@ -63,6 +63,14 @@ def test_each_region_has_one_score_and_the_table_has_none(scene, source):
     assert all(len(np.unique(semantic[region])) == 1 for region in scene.regions)
     assert semantic.max() == semantic[cell(BOWL)] > 0.6, "the inside of a bowl belongs to it"
     assert source.uses_views
+
+
+def test_a_flat_thing_of_another_colour_is_a_region(scene, source):
+    painted = scene.heightmap.rgb.copy()
+    painted[120:130, 10:20] = (200, 30, 30)
+    proposed = source.propose(dataclasses.replace(scene.heightmap, rgb=painted))
+    assert len(proposed) == len(scene.regions) + 1
+    assert any(mask[120:130, 10:20].all() and mask.sum() == 100 for mask in proposed)
 
 
 def test_a_picture_of_a_thing_fills_its_region(scene, source):

@@ -13,6 +13,7 @@ from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
+from gem_lite.tasks.assembling_kits import location
 
 SCENE = clip.DATA / "foreign-scenes" / "workbench"
 SENTENCE = "put the red block in the blue bowl"
@@ -101,6 +102,33 @@ def test_cliports_dictionaries_say_the_same():
     assert position[:2] == (action.place.x, action.place.y)
     assert Rotation.from_quat(first).as_euler("xyz")[2] == 0
     assert Rotation.from_quat(second).as_euler("xyz")[2] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        ("put the red star in the top star hole", "put the red star in the left star hole"),
+        ("put the blue letter T shape in the right letter T shape hole",
+         "put the blue letter T shape in the top letter T shape hole"),
+        ("put the blue ring in the middle ring hole", "put the blue ring in the middle ring hole"),
+        ("put the blue ring in the ring hole", "put the blue ring in the ring hole"),
+        ("align the rope from back right corner to back left corner",
+         "align the rope from back left corner to back right corner"),
+        ("put the red block in the left bowl", "put the red block in the left bowl"),
+    ],
+)  # fmt: skip
+def test_cliports_sentences_are_read_in_our_words(theirs, ours):
+    assert cliport_bridge.read_cliport(theirs) == ours
+
+
+def test_the_bridges_words_for_holes_are_those_of_the_two_frames():
+    """CLIPort's rule for a hole's word (its x and y take the other's part), for two holes in eight directions."""
+    for angle in np.arange(8) * np.pi / 4 + 0.1:
+        x, y = np.cos(angle), np.sin(angle)
+        vertical = abs(x) > abs(y)
+        theirs = ("top" if x < 0 else "bottom") if vertical else ("left" if y < 0 else "right")
+        hole, twin = Pose2(x, y), Pose2(0.0, 0.0)
+        assert cliport_bridge.HOLES[theirs] == location(hole, [twin])
 
 
 @pytest.mark.parametrize(

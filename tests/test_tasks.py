@@ -75,7 +75,7 @@ def check_the_tower(task, played):
     assert played.sentences == [f"move the {ring} ring to the {at}" for ring, at in zip(rings, places, strict=True)]
     assert all(action.delta == pytest.approx(0.0, abs=1e-6) for action in played.actions)
     expected = [
-        tasks.towers_of_hanoi.PLATE[2] + (layer + 0.5) * tasks.towers_of_hanoi.RING_HEIGHT for layer in range(3)
+        tasks.towers_of_hanoi.THICKNESS + (layer + 0.5) * tasks.towers_of_hanoi.RING_HEIGHT for layer in range(3)
     ]
     assert sorted(z for _, z in played.movable) == pytest.approx(expected, abs=0.002)
 

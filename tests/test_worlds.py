@@ -8,11 +8,16 @@ import pytest
 from gem_lite import tasks
 from gem_lite.evaluation import actors, evaluate
 from gem_lite.policies.inputs import TABLE_GRAY, TABLE_LEVEL, exposure, to_rgbd
+from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
-from gem_lite.simulation import looks
+from gem_lite.simulation import environment, looks
+from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.bodies.shapes import Cut
 from gem_lite.simulation.looks import HOME, OTHER_BOWLS, TRAINING_BOWLS, Look
+from gem_lite.simulation.rendering import CAMERAS
 from gem_lite.simulation.world import World
+from gem_lite.tasks import assembling_kits
 from gem_lite.tasks.spawn import FreeSpace
 
 BOWL_TASK = "put-block-in-bowl-seen-colors"
@@ -122,3 +127,37 @@ def lies_as_at_home(style):
 def test_the_expert_solves_every_world(name, task_name, no_pictures):
     with World(style=looks.style(name)) as world:
         assert evaluate.run_episode(world, actors.expert, task_name, "val", 0).reward > 0.99
+
+
+@pytest.mark.parametrize("task_name", ["assembling-kits-seq-seen-colors", "towers-of-hanoi-seq-seen-colors"])
+def test_the_expert_solves_other_proportions(task_name, no_pictures):
+    with World(style=looks.style("diverse")) as world:
+        assert evaluate.run_episode(world, actors.expert, task_name, "val", 0).reward > 0.99
+
+
+def test_lamps_tables_and_erring_cameras_differ_from_episode_to_episode(monkeypatch):
+    monkeypatch.setattr(environment, "corrupt", lambda seen, units, rng, brightness: None)
+    views = (View(CAMERAS[0], np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32)),) * 3
+    shadows, grays, colors, erring = [], [], [], []
+    with World(style=looks.style("diverse")) as world:
+        for index in range(60):
+            world.begin(tasks.make(BOWL_TASK, "train"), tasks.episode_seed("train", index))
+            shadows.append(world.light.shadow)
+            grays.append(world.gray)
+            colors.append(world.light.color)
+            erring.append(world.as_measured(views, 0) is None)
+    assert 15 < sum(shadows) < 45 and 8 < sum(erring) < 32
+    assert min(grays) < 0.8 < 1.5 < max(grays)
+    assert np.ptp(colors, axis=0).min() > 0.1 and np.max(colors) <= 1
+
+
+def test_a_piece_of_another_cut_fits_its_hole_and_a_symmetric_one_stays_so():
+    free = FreeSpace(Workspace(), np.random.default_rng(0), looks.style("diverse"))
+    square, letter = free.cut(symmetric=True), free.cut(symmetric=False)
+    assert square.stretch[0] == square.stretch[1] != 1 and letter.stretch[0] != letter.stretch[1]
+    for name, cut in (("square", square), ("letter R shape", letter)):
+        piece, hole = shapes.piece_mesh(name, cut), assembling_kits.hole_mesh(name, cut)
+        assert piece.extents[:2] == pytest.approx(hole.extents[:2])
+        usual = shapes.piece_mesh(name, Cut(font=cut.font))
+        assert piece.extents[:2] == pytest.approx(usual.extents[:2] * cut.stretch)
+    assert FreeSpace(Workspace(), np.random.default_rng(0)).cut(symmetric=False) == Cut()

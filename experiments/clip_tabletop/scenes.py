@@ -40,7 +40,7 @@ def _kit(build: Builder) -> None:
         return
     names = [str(name) for name in build.rng.choice(vocabulary.PIECES, len(assembling_kits.SPOTS))]
     yaws = build.rng.uniform(-np.pi, np.pi, len(names)).tolist()
-    board, holes = assembling_kits.add_full_kit(build.client, pose, names, yaws)
+    board, holes = assembling_kits.add_full_kit(build.client, pose, names, yaws, [shapes.USUAL_CUT] * len(names))
     build.scene.name([board], -1, "kit")
     build.scene.ground.add(board.id)
     for hole, name, spot, yaw in zip(holes, names, assembling_kits.SPOTS, yaws, strict=True):
@@ -61,10 +61,10 @@ def _stand(build: Builder) -> None:
     for plate, (color, noun) in zip(plates, names, strict=True):
         build.scene.name([plate], COLOR_NAMES.index(color), noun)
         build.scene.ground.add(plate.id)
-    height = [towers_of_hanoi.PLATE[2]] * len(plates)
+    height = [towers_of_hanoi.THICKNESS] * len(plates)
     for radius in sorted(towers_of_hanoi.RING_RADII, reverse=True):
         peg = int(build.rng.integers(len(plates)))
-        place = pose @ Pose2(0.0, (peg - 1) * towers_of_hanoi.PLATE[1])
+        place = pose @ Pose2(0.0, (peg - 1) * towers_of_hanoi.SIDE)
         color, rgba = build.color("ring")
         build.scene.name([towers_of_hanoi.add_ring(build.client, radius, rgba, place, height[peg])], color, "ring")
         height[peg] += towers_of_hanoi.RING_HEIGHT

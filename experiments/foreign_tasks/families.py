@@ -112,7 +112,7 @@ class TowersOfHanoi(Task):
     def lay_out(self, environment: TaskTable, rng: np.random.Generator, seed: int) -> list[Goal]:
         """See `Task.lay_out`."""
         free = FreeSpace(environment.workspace, rng)
-        side = other_size(rng) * towers_of_hanoi.PLATE[0]
+        side = other_size(rng) * towers_of_hanoi.SIDE
         thickness = rng.uniform(0.006, 0.014)
         ring_height = rng.uniform(0.009, 0.013)
         factor = other_size(rng)

@@ -16,6 +16,10 @@ from gem_lite.tasks.task import Task
 
 LOOKS = ("kitchen", "nursery", "workshop")
 """The looks whose tables are not brown: tasks name brown things."""
+CUP_RADIUS = 0.005
+CUP = np.array([(0.0, 0.0, 0.0), *((CUP_RADIUS * math.cos(turn), CUP_RADIUS * math.sin(turn), 0.0)
+                                   for turn in np.arange(8) * math.pi / 4)])  # fmt: skip
+"""The middle of the cup, and points of its rim (m)."""
 BLADE = '<geom type="box" size="0.004 0.026 0.05" pos="0 0 -0.05" group="3" friction="0.3"/>'
 """The shape of the tool that pushes; its edge is across the way."""
 RUN_UP = 0.02
@@ -107,6 +111,11 @@ class TaskTable(ActingTable):
         self._move((end.x, end.y, height), yaw, 0.15)
         self._move((end.x, end.y, HOME), yaw, 1.0)
         self.settle()
+
+    def _below(self, point: np.ndarray) -> tuple[float, int]:
+        """See the base. The tool ends in a cup: what is nearest below any point of its rim counts, too."""
+        below = super()._below
+        return min(below(point + offset) for offset in CUP)
 
     def _contacts(self, name: str) -> set[int]:
         """See the base. The tool is no obstacle for what it holds, even if the two begin to touch on the way."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 from gem_lite.cli import base
 
@@ -33,6 +34,7 @@ def peaks(
     scenes: int = 50,
     kinds: tuple[str, ...] = (),
     sources: tuple[str, ...] = (),
+    split: base.Split = "test",
     detector: str = "",
     clip: base.Clip = None,
     out: base.Out = None,
@@ -40,14 +42,16 @@ def peaks(
     """Measure how often the peak of a map lies on the named thing, for each source, and the seconds of a scene.
 
     Args:
-        scenes: number of test scenes of each kind
+        scenes: number of scenes of each kind
         kinds: kinds of scenes: put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen, touching-blocks
             (without it: all)
-        sources: map sources (without it: multi-view, single-view, dense and regions)
+        sources: map sources (without it: multi-view, single-view, dense and regions; besides, there are
+            regions-that-rise and regions-of-whole-things, two other ways to propose regions)
         detector: Hugging Face name or folder of a detector, for the source owl-vit or grounding-dino
 
     Examples:
       python -m experiments.other_eyes peaks --scenes 10
+      python -m experiments.other_eyes peaks --split val --sources regions regions-that-rise
       python -m experiments.other_eyes peaks --sources owl-vit --detector google/owlvit-base-patch32
     """
     import torch
@@ -57,12 +61,40 @@ def peaks(
 
     torch.set_num_threads(1)
     path = results.output(False, out, "other-eyes")
-    rows = measuring.measure(sources, kinds, scenes, detector, clip, path)
+    rows = measuring.measure(sources, kinds, split, scenes, detector, clip, path)
     print(measuring.described(rows))
     print(f"the rows are in {path}")
 
 
-APP = base.make_app("python -m experiments.other_eyes", __doc__, pictures, peaks)
+def acts(
+    picture: Path,
+    /,
+    *checkpoints: Path,
+    kind: Literal["put-block-in-bowl-seen-colors", "pick-object-part-in-brown-box-seen"],
+    scenes: int = 3,
+    clip: base.Clip = None,
+) -> None:
+    """Draw validation scenes on which some policies pick the named thing and others do not: what a source loses.
+
+    Args:
+        picture: PNG to write
+        checkpoints: two or more of GEM, with other map sources
+        kind: kind of scenes
+        scenes: number of scenes to draw
+
+    Examples:
+      python -m experiments.other_eyes acts a7.png a.safetensors b.safetensors --kind put-block-in-bowl-seen-colors
+    """
+    import torch
+
+    from experiments.other_eyes import acts as drawing
+
+    torch.set_num_threads(1)
+    drawn = drawing.draw(picture, kind, checkpoints, scenes, clip)
+    print(f"{drawn} scenes are in {picture}")
+
+
+APP = base.make_app("python -m experiments.other_eyes", __doc__, pictures, peaks, acts)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

@@ -16,14 +16,15 @@ import numpy as np
 from scipy import ndimage
 from tqdm import tqdm
 
-from experiments.other_eyes import scenes
+from experiments.other_eyes import proposals, scenes  # noqa: F401  (proposals registers two sources)
 from gem_lite import clip
 from gem_lite.evaluation import results
 from gem_lite.maps.detectors import DetectorSource
 from gem_lite.maps.sources import SOURCES, MapSource
+from gem_lite.tasks.task import Split
 
 USUAL = ("multi-view", "single-view", "dense", "regions")
-IDENTITY = ("kind", "method", "detector", "task", "subset", "world", "clip_fingerprint", "config_hash")
+IDENTITY = ("kind", "method", "detector", "task", "subset", "world", "split", "clip_fingerprint", "config_hash")
 """The entries that identify a row of the results."""
 EQUAL = 1e-6
 """Cells at most this far below the highest are as high."""
@@ -61,15 +62,15 @@ def share_on(semantic: np.ndarray, cells: np.ndarray) -> float:
 
 
 def measure_kind(
-    kind: str, names: Sequence[str], count: int, detector: str, clip_name: str | None
+    kind: str, split: Split, names: Sequence[str], count: int, detector: str, clip_name: str | None
 ) -> list[dict]:  # fmt: skip
-    """The rows of one kind of scenes: each source of ``names`` in the first ``count`` test scenes."""
+    """The rows of one kind of scenes: each source of ``names`` in the first ``count`` scenes of a split."""
     sources = {name: make_source(name, kind, detector, clip_name) for name in names}
     shares: dict[tuple[str, str], dict[int, float]] = defaultdict(dict)
     seconds = defaultdict(list)
     with scenes.world_of(kind) as world:
         for index in tqdm(range(count), kind, unit="scene"):
-            scene = scenes.look(world, kind, "test", index)
+            scene = scenes.look(world, kind, split, index)
             for name, source in sources.items():
                 started = time.perf_counter()
                 embedded = source.embed(scene.views)
@@ -83,7 +84,7 @@ def measure_kind(
         config = sources[name].config
         rows.append({
             "kind": "other-eyes", "method": name, "detector": config.detector, "task": kind, "subset": role,
-            "world": scenes.WORLDS[kind], "clip": model.name, "clip_fingerprint": model.fingerprint,
+            "world": scenes.WORLDS[kind], "split": split, "clip": model.name, "clip_fingerprint": model.fingerprint,
             "config": config.name, "config_hash": config.digest,
             "seconds": round(float(np.median(seconds[name])), 3), **results.reward_entries(of_scenes),
         })  # fmt: skip
@@ -91,7 +92,13 @@ def measure_kind(
 
 
 def measure(
-    names: Sequence[str], kinds: Sequence[str], count: int, detector: str, clip_name: str | None, path: Path
+    names: Sequence[str],
+    kinds: Sequence[str],
+    split: Split,
+    count: int,
+    detector: str,
+    clip_name: str | None,
+    path: Path,
 ) -> list[dict]:  # fmt: skip
     """`measure_kind` for several kinds; the rows are filed in ``path``.
 
@@ -112,7 +119,7 @@ def measure(
     check_detector(names or USUAL, detector)
     rows = []
     for kind in kinds or scenes.WORLDS:
-        of_kind = measure_kind(kind, names or USUAL, count, detector, clip_name)
+        of_kind = measure_kind(kind, split, names or USUAL, count, detector, clip_name)
         results.file_rows(of_kind, path, IDENTITY)
         rows += of_kind
     return rows
@@ -120,11 +127,11 @@ def measure(
 
 def described(rows: Sequence[dict]) -> str:
     """The rows as a table: the share in percent, its interval, and the median seconds from pictures to maps."""
-    lines = [f"{'scenes':36}{'asked':8}{'source':16}{'peak on it':>12}{'95 % interval':>18}{'seconds':>9}"]
+    lines = [f"{'scenes':36}{'asked':8}{'source':26}{'peak on it':>12}{'95 % interval':>18}{'seconds':>9}"]
     for row in rows:
         low, high = row["ci95"]
         interval = f"[{low}, {high}]"
         lines.append(
-            f"{row['task']:36}{row['subset']:8}{row['method']:16}{row['mean']:12.1f}{interval:>18}{row['seconds']:9.2f}"
+            f"{row['task']:36}{row['subset']:8}{row['method']:26}{row['mean']:12.1f}{interval:>18}{row['seconds']:9.2f}"
         )
     return "\n".join(lines)

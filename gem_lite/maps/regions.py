@@ -1,8 +1,8 @@
-"""The map source "regions": each thing that rises above the table is one region, which CLIP sees as one picture.
+"""The map source "regions": each thing on the table is one region, which CLIP sees as one picture.
 
 A detector has such maps, too (A.6): what it proposes is filled, and all else is 0. Here `things` proposes the regions,
-from the heights alone. So two things that touch are one region, a part of a thing is none, and what lies flat on the
-table is never found.
+without any words: what rises, and what is flat and has another colour than the table. So two things that touch are one
+region, and a part of a thing is none, unless it is flat and the rest is not.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.maps.sources import SOURCES, MapSource
 from gem_lite.maps.things import things
 from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import HeightMap
 
 MARGIN = 0.1
 """A crop reaches beyond its region on each side by at least this share of the region's longer side."""
@@ -43,17 +44,22 @@ class RegionScene(SceneEmbedding):
 
 @SOURCES.register("regions")
 class Regions(MapSource):
-    """What rises above the table, each thing filled with CLIP's score of one picture of it; 0 elsewhere."""
+    """The things on the table, each filled with CLIP's score of one picture of it; 0 elsewhere."""
 
     @override
     def embed(self, views: Sequence[View]) -> RegionScene:
         scene = super().embed(views)
-        rising, _ = things(scene.heightmap)
-        regions = sorted(map(ndimage.binary_fill_holes, rising), key=np.sum, reverse=True)
+        proposed = self.propose(scene.heightmap)
+        regions = sorted(map(ndimage.binary_fill_holes, proposed), key=np.sum, reverse=True)
         pictures = embed_regions(scene.heightmap.rgb, regions, self.clip)
         return RegionScene(
             scene.heightmap, scene.points, scene.sides, scene.embed_top, regions=tuple(regions), pictures=pictures
         )
+
+    def propose(self, heightmap: HeightMap) -> list[np.ndarray]:
+        """The cells (H, W) bool of each thing that is to be a region: what rises, and flat things of another colour."""
+        rising, flat = things(heightmap)
+        return rising + flat
 
     @override
     def map(self, scene: SceneEmbedding, query: ThingQuery) -> np.ndarray:

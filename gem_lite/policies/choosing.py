@@ -30,6 +30,9 @@ from gem_lite.se2 import Pose2
 THING = 0.3
 """The map of a named thing is at most this far below its highest value, all over the thing."""
 
+PLACE_REACH = 2.4
+"""A place may lie this many times as far from its map's peak as a pick: 3 cm on CLIPort's table. If a thing is held
+beside its middle, the right place is beside the middle of a hole."""
 APART = 3
 """Picks that are compared with each other are at least this far (cells) apart."""
 EXACTLY = replace(LITE, peak_radius=0.0)
@@ -107,11 +110,16 @@ class ScoredAct:
 
 @dataclass(frozen=True)
 class Gate:
-    """A semantic map and the heights (m) below it, (H, W), for `near_peak`. No network reads them."""
+    """A semantic map and the heights (m) below it, (H, W), for `near_peak`. No network reads them.
+
+    Attributes:
+        lead: the gate is open, for all cells, if the map is not higher by this much near its peak than elsewhere.
+    """
 
     semantic: torch.Tensor
     height: torch.Tensor
     config: GemConfig
+    lead: float = 0.0
 
 
 def place_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
@@ -222,7 +230,11 @@ def gated(gates: Sequence[Mapping[str, Gate]], role: str, allowed: torch.Tensor)
     if not of_role:
         return allowed
     semantic, height = (torch.stack(maps) for maps in ([g.semantic for g in of_role], [g.height for g in of_role]))
-    return near_peak(semantic, height, allowed, of_role[0].config)
+    near = near_peak(semantic, height, allowed, of_role[0].config)
+    elsewhere = semantic[allowed & ~near]
+    if len(elsewhere) and semantic[near].max() - elsewhere.max() < of_role[0].lead:
+        return allowed
+    return near
 
 
 def unmoved(shape: Sequence[int], pick: tuple[int, int], push: bool) -> torch.Tensor:

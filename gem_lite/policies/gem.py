@@ -20,7 +20,7 @@ from gem_lite.maps.query_maps import QueryMaps, query_maps
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies import augment
 from gem_lite.policies.base import METHODS, Policy
-from gem_lite.policies.choosing import Choice, Gate, place_gate
+from gem_lite.policies.choosing import PLACE_REACH, Choice, Gate, place_gate
 from gem_lite.policies.gem_config import GemConfig
 from gem_lite.policies.inputs import (
     HEIGHT_SCALE,
@@ -249,6 +249,9 @@ class Gem(Policy[SceneEmbedding]):
             gates["pick"] = Gate(inputs.maps["pick"][0], height, self.config)
         if is_relation(queries.place) and self.source.uses_views:
             gates["place"] = place_gate(inputs.maps["place"][0], height)
+        elif self.config.place_lead is not None:
+            config = replace(self.config, peak_radius=PLACE_REACH * self.config.peak_radius)
+            gates["place"] = Gate(inputs.maps["place"][0], height, config, self.config.place_lead)
         return gates
 
     @override

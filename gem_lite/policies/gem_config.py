@@ -58,7 +58,7 @@ ABLATIONS = {
         {"top_patch": 0.03, "top_stride": 0.0075},
     ),
     "with-dense-map": Ablation("each view is embedded in one pass, not patch by patch", {"semantic_map": "dense"}),
-    "with-region-map": Ablation("each thing that rises is one picture, as for a detector", {"semantic_map": "regions"}),
+    "with-region-map": Ablation("each thing is one picture, as for a detector", {"semantic_map": "regions"}),
     "keeps-own-crop": Ablation("a step's own demonstration may answer its phrase in training", {"own_crop": True}),
     "without-rotation-augmentation": SHARED_ABLATIONS["without-rotation-augmentation"],
     "without-map-scaling": Ablation("training shows the maps as they are", {"map_gain": (1.0, 1.0), "map_offset": 0.0}),
@@ -66,6 +66,7 @@ ABLATIONS = {
     "without-locations": Ablation("a location word chooses nothing on a map", {"locations": False}),
     "without-location-code": SHARED_ABLATIONS["without-location-code"],
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
+    "with-place-peak": Ablation("a place keeps to the peak of its map, if the map is decided", {"place_lead": 0.2}),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
     "with-joint-choice": Ablation("pick and place are chosen together, among the 8 best picks", {"joint_picks": 8}),
 }
@@ -85,6 +86,8 @@ class GemConfig(Config, MapConfig):
     Attributes:
         peak_margin, peak_radius: a pick lies at most ``peak_radius`` (m) from a thing on which its map is at most
             ``peak_margin`` below its highest value (`choosing.near_peak`); with a margin of None it may lie anywhere.
+        place_lead: a place keeps to its map, too, but within `choosing.PLACE_REACH` times ``peak_radius``, and only if
+            the map is higher by at least ``place_lead`` there than elsewhere; with None it may lie anywhere.
         drop_image_map: how often training hides the image-conditioned map.
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
@@ -111,11 +114,14 @@ class GemConfig(Config, MapConfig):
             "widths": (32, 64, 128, 256), "kernel_widths": (32, 64, 128), "fields": 16,
         },
     }  # fmt: skip
-    ACTING: ClassVar[frozenset[str]] = Config.ACTING | {"conjuncts", "locations", "peak_margin", "peak_radius"}
+    ACTING: ClassVar[frozenset[str]] = Config.ACTING | {
+        "conjuncts", "locations", "peak_margin", "peak_radius", "place_lead",
+    }  # fmt: skip
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
 
     peak_margin: float | None = entry(0.1, or_none(number(0, 10)))
     peak_radius: float = entry(0.0125, RADIUS, grows=True)
+    place_lead: float | None = entry(None, or_none(number(0, 10)), added=True)
     drop_image_map: float = entry(0.3, number(0, 1))
     map_gain: tuple[float, float] = entry((0.5, 1.2), each(number(0, 10), 2))
     map_offset: float = entry(0.1, number(0, 10))

@@ -20,7 +20,7 @@ from gem_lite.se2 import Pose2, Workspace, quaternion
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, PARKED, RATE, Effector
-from gem_lite.simulation.looks import HOME, Look
+from gem_lite.simulation.looks import HOME, TABLE_COLOR, Look
 
 SOLVED = 0.99
 """An episode is solved if its score is above this."""
@@ -28,8 +28,9 @@ SETTLE_STEPS = 4800
 """The scene may take this many simulation steps to come to rest."""
 SETTLED_SPEED = 0.005
 """A body slower than this (m/s) is at rest, as in CLIPort."""
-LAMP_STREAM, UNIT_STREAM, FRAME_STREAM = (0, 1), (0, 2), (0, 3)
-"""With the seed of an episode: seeds of the lamp, of what a camera keeps for an episode, and of a frame's noise."""
+LAMP_STREAM, UNIT_STREAM, FRAME_STREAM, TABLE_STREAM, ERRING_STREAM = (0, 1), (0, 2), (0, 3), (0, 4), (0, 5)
+"""With the seed of an episode: seeds of the lamp, of what a camera keeps for an episode, of a frame's noise, of the
+table's gray, and of whether cameras err."""
 Watch = Callable[[str], None]
 """Called at the moments "picked", "pushed" and "placed" of an action, with the moment's name: to take pictures."""
 
@@ -105,6 +106,7 @@ class Environment(ABC):
         effector: the tool. The task chooses it.
         trace: the states of the tool during the present action, or the last one.
         light: the lamp of the present episode.
+        gray: the factor of the table's brightness in the present episode.
         film: called with each state after it came into the trace: to take pictures. By default nobody films.
 
     Args:
@@ -118,6 +120,7 @@ class Environment(ABC):
     def __init__(self, style: Look = HOME) -> None:
         self.style = style
         self.light = style.light
+        self.gray = 1.0
         self._seed = 0
         self.workspace = Workspace()
         self.client = p.connect(p.DIRECT)
@@ -157,8 +160,9 @@ class Environment(ABC):
     def begin(self, task: PlayedTask, seed: int) -> None:
         """`reset` without pictures."""
         self.workspace = task.workspace
-        self.light = self.style.lamp.draw(self.style.light, np.random.default_rng((seed, *LAMP_STREAM)))
         self._seed = seed
+        self.light = self.style.lamp.draw(self.style.light, self._random(LAMP_STREAM))
+        self.gray = self._random(TABLE_STREAM).uniform(*self.style.grays)
         self.clear(task.effector)
         self._task = task
         self.steps_taken = 0
@@ -166,6 +170,10 @@ class Environment(ABC):
         self.settle()
         # As in CLIPort, the first action is rewarded for what lies right from the beginning, too: a cube of a pile.
         self._score = 0.0
+
+    def _random(self, stream: tuple[int, ...]) -> np.random.Generator:
+        """Random numbers of the episode's seed that no other stream has."""
+        return np.random.default_rng((self._seed, *stream))
 
     @abstractmethod
     def observe(self) -> tuple[Observation, ...]:
@@ -178,10 +186,10 @@ class Environment(ABC):
         Looking twice gives the same.
         """
         seen = Observation(views)
-        if not self.style.sensors:
+        if not self.style.sensors or self._random(ERRING_STREAM).random() >= self.style.erring:
             return seen
-        units_rng = np.random.default_rng((self._seed, *UNIT_STREAM, table))
-        frame_rng = np.random.default_rng((self._seed, *FRAME_STREAM, table, self.steps_taken))
+        units_rng = self._random((*UNIT_STREAM, table))
+        frame_rng = self._random((*FRAME_STREAM, table, self.steps_taken))
         units = draw_different_units(seen, self.style.sensors, units_rng)
         return corrupt(seen, units, frame_rng, self.light.brightness)
 
@@ -282,6 +290,12 @@ class Environment(ABC):
         """The middle of a table, in the table's frame."""
         w = self.workspace
         return Pose2((w.x_min + w.x_max) / 2, (w.y_min + w.y_max) / 2)
+
+    @property
+    def table_color(self) -> RGBA:
+        """The colour of the tables in the present episode."""
+        red, green, blue, alpha = TABLE_COLOR
+        return self.gray * red, self.gray * green, self.gray * blue, alpha
 
     @abstractmethod
     def furnish(self) -> None:

@@ -12,7 +12,7 @@ from gem_lite.foundations.registry import Registry
 from gem_lite.rgbd.camera import Camera
 from gem_lite.rgbd.sensor_errors import AZURE, AZURE_HARD, D455, D455_HARD, SensorErrors
 from gem_lite.simulation.bodies.parts import RGBA
-from gem_lite.simulation.bodies.shapes import BOWL, BowlProfile
+from gem_lite.simulation.bodies.shapes import BOWL, FONT, BowlProfile
 from gem_lite.simulation.rendering import AROUND_A_SMALL_TABLE, AZURE_AND_D455, CAMERAS, LIGHT, STEADY, LampRange, Light
 
 FLOOR_COLOR: RGBA = (0.27, 0.28, 0.30, 1.0)
@@ -33,6 +33,11 @@ class Look:
         bowls: profiles of bowls; each bowl gets one of them at random.
         box_heights: heights (m) of the walls of a brown box; each box gets one of them at random.
         plates: (width, height) (m) of the plates of a pyramid's base; each base gets one of them at random.
+        stretch: range of a factor by which lengths differ: of flat pieces and their holes, of stands and rings. A
+            piece that looks the same after some turns has one factor, others have one along x and one along y.
+        fonts: of letters that are pieces or holes; each letter of a scene gets one of them at random.
+        grays: range of a factor of the table's brightness, which differs from episode to episode.
+        erring: the share of episodes in which the cameras have the errors of ``sensors``.
         touching: the share of bodies that are put next to another body, if there is room.
         at_edge: the share of bodies that are put against the table's edge.
     """
@@ -46,6 +51,10 @@ class Look:
     bowls: tuple[BowlProfile, ...] = (BOWL,)
     box_heights: tuple[float, ...] = (0.05,)
     plates: tuple[tuple[float, float], ...] = ((0.05, 0.005),)
+    stretch: tuple[float, float] = (1.0, 1.0)
+    fonts: tuple[str, ...] = (FONT,)
+    grays: tuple[float, float] = (1.0, 1.0)
+    erring: float = 1.0
     touching: float = 0.0
     at_edge: float = 0.0
 
@@ -74,6 +83,13 @@ VARIED = Look(
     "varied", bowls=TRAINING_BOWLS, box_heights=(0.05, 0.04, 0.06),
     plates=((0.05, 0.005), (0.056, 0.008), (0.064, 0.014)), touching=0.25, at_edge=0.15,
 )  # fmt: skip
+DIVERSE = replace(
+    VARIED, name="diverse", light=Light(shadow=True), lamp=LampRange(1.0, 0.3, tint=0.15, contrast=0.5, shadows=0.5),
+    sensors=(D455,) * len(CAMERAS), erring=1 / 3, stretch=(0.8, 1.1), grays=(0.6, 1.8),
+    fonts=(FONT, "STIXGeneral"),
+)  # fmt: skip
+"""For demonstrations: "varied" with other proportions, fonts, lamps and tables, and errors of cameras in a third of the
+episodes."""
 KINECT = Look(
     "kinect", light=Light(shadow=True), lamp=LampRange(lean=0.5, strength=0.15), cameras=AZURE_AND_D455,
     sensors=(AZURE, D455, D455),
@@ -86,7 +102,7 @@ REAL_TABLE = Look("real-table", cameras=AROUND_A_SMALL_TABLE)
 """The paper's real table (A.11) with perfect pictures: `real_table.WORKSPACE`."""
 REAL_TABLE_KINECT = replace(KINECT, name="real-table-kinect", cameras=AROUND_A_SMALL_TABLE)
 WORLDS: Registry[Look] = Registry("world")
-"""Every world by its name. Demonstrations come from "home", "varied", "crowded" or "kinect"; those of
+"""Every world by its name. Demonstrations come from "home", "varied", "crowded", "diverse" or "kinect"; those of
 the real tables from "real-table" or "real-table-kinect". The others only test."""
 
 
@@ -111,6 +127,7 @@ for _world in (
     HOME,
     VARIED,
     replace(VARIED, name="crowded", touching=0.5),
+    DIVERSE,
     Look("other-containers", bowls=OTHER_BOWLS, box_heights=(0.034, 0.07), plates=((0.06, 0.011),)),
     Look("white-floor", floor=(0.95, 0.95, 0.95, 1.0)),
     Look("shadows", light=Light((1.0, -0.8, 1.2), ambient=0.3, diffuse=0.8, shadow=True)),

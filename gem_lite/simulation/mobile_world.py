@@ -25,7 +25,7 @@ from gem_lite.simulation.bodies.shapes import boxes_mesh, create_body, create_vi
 from gem_lite.simulation.effectors import CLEARANCE
 from gem_lite.simulation.environment import Environment, PlayedTask
 from gem_lite.simulation.looks import HOME as HOME_STYLE
-from gem_lite.simulation.looks import TABLE_COLOR, Look
+from gem_lite.simulation.looks import Look
 from gem_lite.simulation.rendering import cameras_around, render
 
 TABLE_HEIGHT = 0.7
@@ -144,8 +144,8 @@ class MobileWorld(Environment):
         w = self.workspace
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2)
         for table, number in zip(self.tables, self.tags, strict=True):
-            self.add_slab(table @ self.middle, (*half, 0.02), 0.0, TABLE_COLOR, solid=True)
-            self.add_slab(table @ self.tag, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, TABLE_COLOR, solid=True)
+            self.add_slab(table @ self.middle, (*half, 0.02), 0.0, self.table_color, solid=True)
+            self.add_slab(table @ self.tag, (FLANGE / 2, FLANGE / 2, 0.02), -0.001, self.table_color, solid=True)
             tag_plates.add_tag(self.client, number, table @ self.tag)
         self.add_slab(self.tables[0], (20.0, 20.0, 0.05), -TABLE_HEIGHT, self.style.floor, solid=True)
         self._base = add_base(self.client, self.body.camera)

@@ -85,10 +85,16 @@ class LampRange:
     Attributes:
         lean: the lamp is moved by at most this far (m) sideways for each metre of its height.
         strength: e; ambient and diffuse light are multiplied by a factor between 1 / (1 + e) and 1 + e, log-uniform.
+        tint: the lamp's red, green and blue are each lowered by a share of up to this.
+        contrast: a share of up to this of the ambient light becomes diffuse light.
+        shadows: the share of episodes in which a lamp that casts shadows does so.
     """
 
     lean: float = 0.0
     strength: float = 0.0
+    tint: float = 0.0
+    contrast: float = 0.0
+    shadows: float = 1.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -102,7 +108,14 @@ class LampRange:
         towards = rng.uniform(-math.pi, math.pi)
         direction = (x + away * math.cos(towards), y + away * math.sin(towards), z)
         factor = (1 + self.strength) ** rng.uniform(-1, 1)
-        return replace(light, direction=direction, ambient=factor * light.ambient, diffuse=factor * light.diffuse)
+        red, green, blue = (
+            part * (1 - self.tint * share) for part, share in zip(light.color, rng.random(3), strict=True)
+        )
+        moved = self.contrast * rng.random() * light.ambient
+        return Light(
+            direction, (red, green, blue), factor * (light.ambient - moved), factor * (light.diffuse + moved),
+            light.shadow and rng.random() < self.shadows,
+        )  # fmt: skip
 
 
 STEADY = LampRange()

@@ -13,7 +13,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.environment import Environment
-from gem_lite.simulation.looks import TABLE_COLOR, Look
+from gem_lite.simulation.looks import Look
 from gem_lite.simulation.rendering import cameras_around, render
 
 INVISIBLE = (0.0, 0.0, 0.0, 0.0)
@@ -26,7 +26,7 @@ class World(Environment):
     def furnish(self) -> None:
         w = self.workspace
         half = ((w.x_max - w.x_min) / 2, (w.y_max - w.y_min) / 2, 0.0005)
-        self.add_slab(self.middle, half, 0.0, TABLE_COLOR, solid=False)
+        self.add_slab(self.middle, half, 0.0, self.table_color, solid=False)
         self.add_slab(self.middle, (3.0, 3.0, 0.05), 0.0, INVISIBLE, solid=True)
         self._floor = self.add_floor()
 

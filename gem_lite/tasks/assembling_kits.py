@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import trimesh
@@ -13,10 +13,10 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import Body
+from gem_lite.simulation.bodies.shapes import USUAL_CUT, Body, Cut
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
-from gem_lite.tasks.packing_shapes import grasp_point, piece_symmetry
+from gem_lite.tasks.packing_shapes import grasp_point, is_symmetric, piece_symmetry
 from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Split, Task
@@ -36,18 +36,21 @@ KIT_RADIUS = math.hypot(*KIT_SIZE[:2]) / 2
 PIECE_RADIUS = 0.042
 
 
-@cache
-def hole_mesh(shape: str) -> trimesh.Trimesh:
+@lru_cache(maxsize=256)
+def hole_mesh(shape: str, cut: Cut = USUAL_CUT) -> trimesh.Trimesh:
     """The print of a hole: the outline of a piece, `PRINT` thick."""
-    return trimesh.creation.extrude_polygon(shapes.outline(shape), PRINT)
+    return trimesh.creation.extrude_polygon(shapes.outline(shape, cut), PRINT)
 
 
-def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float]) -> tuple[Body, list[Body]]:
+def add_full_kit(
+    client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float], cuts: Sequence[Cut]
+) -> tuple[Body, list[Body]]:  # fmt: skip
     """Put a fixed board with one hole for each of five pieces on the table. Other bodies do not touch the holes.
 
     Args:
         pieces: the names of the five shapes.
         yaws: the yaw (radians) of each hole in the world.
+        cuts: the form of each shape.
 
     Returns:
         The board and its holes.
@@ -57,10 +60,10 @@ def add_full_kit(client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence
     """
     board = shapes.add_box(client, KIT_SIZE, colors.rgba("brown"), pose, movable=False)
     holes = []
-    for shape, spot, yaw in zip(pieces, SPOTS, yaws, strict=True):
+    for shape, spot, yaw, cut in zip(pieces, SPOTS, yaws, cuts, strict=True):
         place = pose @ spot
         at = Pose2(place.x, place.y, yaw)
-        holes.append(shapes.add_print(client, hole_mesh(shape), HOLE_COLOR, at, KIT_SIZE[2]))
+        holes.append(shapes.add_print(client, hole_mesh(shape, cut), HOLE_COLOR, at, KIT_SIZE[2]))
     return board, holes
 
 
@@ -107,7 +110,9 @@ class AssemblingKits(Task):
         count = len(SPOTS)
         names = [str(name) for name in rng.choice(self.shapes, count)]
         yaws = rng.uniform(-math.pi, math.pi, count).tolist()
-        board, holes = add_full_kit(environment.client, kit_pose, names, yaws)
+        cut_of = {name: free.cut(symmetric=is_symmetric(name)) for name in sorted(set(names))}
+        cuts = [cut_of[name] for name in names]
+        board, holes = add_full_kit(environment.client, kit_pose, names, yaws, cuts)
         self.put(environment, board, "kit")
         for hole, name in zip(holes, names, strict=True):
             self.put(environment, hole, f"{name} hole")
@@ -117,15 +122,16 @@ class AssemblingKits(Task):
         for number in rng.permutation(count):
             name = names[number]
             color = self.named_colors[number]
-            mesh = shapes.piece_mesh(name)
-            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), free.take(PIECE_RADIUS))
+            mesh = shapes.piece_mesh(name, cuts[number])
+            pose = free.take(PIECE_RADIUS * max(1.0, *cuts[number].stretch))
+            piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
             self.put(environment, piece, f"{color} {name}")
             twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
             where = f"{location(places[number], twins)} {name} hole".strip()
             symmetry = piece_symmetry(name)
             metric = PoseMetric(TOLERANCE, symmetry, YAW_TOLERANCE)
             sentence = f"put the {color} {name} in the {where}"
-            grasp = Pose2(*grasp_point(name))
+            grasp = Pose2(*grasp_point(name, cuts[number]))
             # The tool holds a ring off its centre, so a round piece must keep its yaw.
             goal = Goal(sentence, (piece,), (holes[number],), metric, 1.0, grasp, symmetry, rotations=symmetry > 0)
             goals.append(goal)

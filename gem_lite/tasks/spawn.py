@@ -10,7 +10,7 @@ import numpy as np
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import trays
-from gem_lite.simulation.bodies.shapes import Body
+from gem_lite.simulation.bodies.shapes import Body, Cut
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.looks import HOME, Look
 from gem_lite.tasks.goals import ZoneMetric
@@ -61,6 +61,17 @@ class FreeSpace:
     def choose(self, count: int) -> int:
         """A random number in [0, ``count``): the choice of one of several forms of a body."""
         return int(self._choices.integers(count))
+
+    def factor(self) -> float:
+        """A random factor of a length, in the range of the world's `Look.stretch`."""
+        low, high = self._style.stretch
+        return float(self._choices.uniform(low, high))
+
+    def cut(self, symmetric: bool) -> Cut:
+        """A random form of a flat piece. If it looks the same after some turns, it is ``symmetric`` and stays so."""
+        along_x, along_y = self.factor(), self.factor()
+        fonts = self._style.fonts
+        return Cut((along_x, along_x if symmetric else along_y), fonts[self.choose(len(fonts))])
 
     def take(self, radius: float, side: float | None = None) -> Pose2:
         """A free pose as from `sample`. Raises TableFullError if there is none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import pybullet as p
@@ -21,14 +21,14 @@ from gem_lite.tasks.registry import register
 from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
-PLATE = (0.12, 0.12, 0.01)
-"""Sides (m) of one of the stand's three plates."""
+SIDE, THICKNESS = 0.12, 0.01
+"""The side (m) of one of the stand's three square plates, and its thickness."""
 PEG_RADIUS = 0.005
 PEG_TOP = 0.055
 """Height (m) of the upper end of a peg."""
 PLATES = ("lighter brown side", "middle of the stand", "darker brown side")
 """The plates along the stand's +y: their names in the sentences. They have the colours `BROWNS`."""
-STAND_RADIUS = float(np.hypot(PLATE[0], 3 * PLATE[1]) / 2)
+STAND_RADIUS = float(np.hypot(SIDE, 3 * SIDE) / 2)
 FRICTION = 0.5
 RING_HEIGHT = 0.01
 RING_HOLE = 0.015
@@ -43,29 +43,34 @@ STACKING = 0.0105
 """The height (m) from one ring of the first tower to the next: a little more than a ring's, so that they can settle."""
 
 
-def add_stand(client: int, pose: Pose2) -> list[Body]:
-    """Put a fixed stand on the table: three plates, each with a peg in its middle. Returns the plates along +y."""
-    places = [pose @ Pose2(0.0, step * PLATE[1]) for step in (-1, 0, 1)]
-    return [_add_plate(client, rgba, place) for rgba, place in zip(BROWNS, places, strict=True)]
+def add_stand(client: int, pose: Pose2, side: float = SIDE, peg_top: float = PEG_TOP) -> list[Body]:
+    """Put a fixed stand on the table: three plates, each with a peg in its middle. Returns the plates along +y.
+
+    Args:
+        side: of a plate (m).
+        peg_top: height (m) of the upper end of a peg.
+    """
+    places = [pose @ Pose2(0.0, step * side) for step in (-1, 0, 1)]
+    return [_add_plate(client, rgba, place, side, peg_top) for rgba, place in zip(BROWNS, places, strict=True)]
 
 
-def _add_plate(client: int, rgba: RGBA, pose: Pose2) -> Body:
-    lower = PLATE[2] / 2
-    half = [side / 2 for side in PLATE]
+def _add_plate(client: int, rgba: RGBA, pose: Pose2, side: float, peg_top: float) -> Body:
+    lower = THICKNESS / 2
+    half = [side / 2, side / 2, lower]
     # Bullet's cylinders roll over each other badly; a thin box is as good a peg for a ring that hangs round it.
-    peg = [PEG_RADIUS * 0.9, PEG_RADIUS * 0.9, (PEG_TOP - PLATE[2]) / 2]
+    peg = [PEG_RADIUS * 0.9, PEG_RADIUS * 0.9, (peg_top - THICKNESS) / 2]
     collision = collide_boxes(client, [half, peg], [[0, 0, 0], [0, 0, lower + peg[2]]])
-    visual = create_visual(client, _plate_mesh(), rgba, lower)
+    visual = create_visual(client, _plate_mesh(side, peg_top), rgba, lower)
     return create_body(client, collision, visual, pose, lower, 0.0, movable=False, friction=FRICTION)
 
 
-@cache
-def _plate_mesh() -> trimesh.Trimesh:
-    x, y, z = (side / 2 for side in PLATE)
-    return join(bar(-x, x, 2 * y, 0, 2 * z), rod((0, 0, 2 * z), (0, 0, PEG_TOP), PEG_RADIUS, sections=12))
+@lru_cache(maxsize=16)
+def _plate_mesh(side: float, peg_top: float) -> trimesh.Trimesh:
+    plate = bar(-side / 2, side / 2, side, 0, THICKNESS)
+    return join(plate, rod((0, 0, THICKNESS), (0, 0, peg_top), PEG_RADIUS, sections=12))
 
 
-@cache
+@lru_cache(maxsize=16)
 def ring_mesh(radius: float) -> trimesh.Trimesh:
     """A flat ring with the outer ``radius`` (m)."""
     profile = [(RING_HOLE, 0), (radius, 0), (radius, RING_HEIGHT), (RING_HOLE, RING_HEIGHT), (RING_HOLE, 0)]
@@ -93,7 +98,9 @@ class TowersOfHanoi(Task):
     @override
     def lay_out(self, environment: Environment, rng: np.random.Generator, seed: int) -> list[Goal]:
         free = FreeSpace(environment.workspace, rng, environment.style)
-        plates = add_stand(environment.client, free.take(STAND_RADIUS))
+        of_stand, of_pegs, of_rings = free.factor(), free.factor(), free.factor()
+        stand = free.take(of_stand * STAND_RADIUS)
+        plates = add_stand(environment.client, stand, of_stand * SIDE, of_pegs * PEG_TOP)
         for plate, name in zip(plates, PLATES, strict=True):
             self.put(environment, plate, name)
         self.named_colors = tuple(draw(rng, self.palette, 3))
@@ -102,13 +109,13 @@ class TowersOfHanoi(Task):
         for layer, size in enumerate((LARGE, MIDDLE, SMALL)):
             color = self.named_colors[size]
             pose = Pose2(tower.x, tower.y, rng.uniform(-math.pi, math.pi))
-            height = PLATE[2] + layer * STACKING
-            radius = RING_RADII[size]
+            height = THICKNESS + layer * STACKING
+            radius = of_rings * RING_RADII[size]
             ring = add_ring(environment.client, radius, colors.rgba(color), pose, height)
             rings[size] = self.put(environment, ring, f"{color} ring")
         goals = []
         for size, peg in MOVES:
-            grasp = Pose2((RING_HOLE + RING_RADII[size]) / 2, 0.0)
+            grasp = Pose2((RING_HOLE + of_rings * RING_RADII[size]) / 2, 0.0)
             sentence = f"move the {self.named_colors[size]} ring to the {PLATES[peg]}"
             metric = PoseMetric(TOLERANCE)
             # The tool holds a ring off its centre, so the ring must keep its yaw.

@@ -1,4 +1,4 @@
-"""Boxes in camera views: the figure of lesson 15."""
+"""Boxes in camera views, and success by map source: figures of lesson 15."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, bare
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, SAFE_COLORS, bare
 
 
 def show_boxes(
@@ -31,4 +31,23 @@ def show_boxes(
                 size = (right - left, bottom - top)
                 ax.add_patch(Rectangle((left, top), *size, fill=False, color=PICK_COLOR, lw=1.4, path_effects=OUTLINE))
                 ax.text(left, top - 6, label, color="white", fontsize=8)
+    return fig
+
+
+def show_success(success: Mapping[str, Mapping[str, tuple[float, float, float]]]) -> Figure:
+    """Figure A7: success (%) in each task, a mark for each map source, with the interval of its mean.
+
+    Args:
+        success: by the name of a source and the title of a task: the mean, and both ends of its interval.
+    """
+    titles = list(next(iter(success.values())))
+    fig, ax = plt.subplots(figsize=(2.1 * len(titles), 3.1), dpi=90, layout="constrained")
+    for number, ((name, of_tasks), color, mark) in enumerate(zip(success.items(), SAFE_COLORS, "osD^", strict=False)):
+        mean, low, high = np.array([of_tasks[title] for title in titles]).T
+        places = np.arange(len(titles)) + 0.16 * (number - (len(success) - 1) / 2)
+        ax.errorbar(places, mean, [mean - low, high - mean], fmt=mark, color=color, capsize=3, label=name)
+    ax.set(ylabel="success (%)", ylim=(-4, 104))
+    ax.set_xticks(range(len(titles)), titles)
+    ax.grid(axis="y", alpha=0.3)
+    fig.legend(loc="outside upper center", ncols=len(success))
     return fig

@@ -45,6 +45,7 @@ ABLATION_NAMES = {
     "without-map-scaling": "no rescaled maps",
     "without-conjuncts": '"and" as one phrase',
     "without-peak": "no pick rule",
+    "with-place-peak": "a place rule",
     "without-empty-spots": "no rule on empty spots",
     "without-locations": "no location words",
 }

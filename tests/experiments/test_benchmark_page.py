@@ -151,3 +151,12 @@ def cells_of_lines(name):
     table = PAGE.split(f"<!-- {name} -->\n")[1].split("<!-- end")[0]
     split = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("|")]
     return split[2:]
+
+
+def test_map_sources_are_compared_with_the_newest_rows_of_the_same_weights():
+    lines = {task.strip("*"): (demos, *means) for task, demos, *means in cells_of_lines("map sources")}
+    today = results.read_rows(results.RESULTS / "shipped.jsonl")
+    for task in ("put-block-in-bowl-seen-colors", "packing-shapes-seen"):
+        (row,) = [row for row in today if (row["method"], row["task"], row["world"]) == ("gem", task, "home")]
+        assert lines[task][:2] == ("10", str(summaries.pool([row])))
+    assert lines["pick-object-part-in-brown-box-seen"][0] == "5"

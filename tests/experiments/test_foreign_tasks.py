@@ -132,3 +132,13 @@ def test_a_policy_is_measured(tmp_path, monkeypatch, capsys):
     assert (row["task"], row["world"], row["split"]) == ("foreign-stack-block-pyramid", "MuJoCo", "val")
     assert row["method"] == "gem-multi" and row["actions"] == 1 and row["mean"] in (0, pytest.approx(16.7, abs=0.1))
     assert "foreign-stack-block-pyramid" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("beside", "held"), [(0.003, True), (0.008, False)])
+def test_the_cup_holds_what_is_below_its_rim(beside, held):
+    task = playing.make("stack-block-pyramid", "val")
+    with TaskTable() as table:
+        table.begin(task, playing.SEEDS["val"][0])
+        block, half = table.pose(task.goals[0].bodies[0])
+        pick = block @ Pose2(half + beside, 0.0)
+        assert table.act(PickPlace(pick, pick)) == held

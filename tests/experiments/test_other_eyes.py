@@ -1,11 +1,15 @@
 """Peaks of maps from other sources, on scenes with known things."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from experiments.other_eyes import peaks, pictures, scenes
+from experiments.other_eyes import acts, peaks, pictures, proposals, scenes
 from gem_lite import tasks
 from gem_lite.evaluation import results
+from gem_lite.maps import regions
+from gem_lite.planning import naming
 from gem_lite.rgbd.heightmap import fuse_views
 
 
@@ -49,7 +53,7 @@ def test_the_touching_blocks_touch():
 
 def test_peaks_are_filed_and_a_region_of_two_blocks_is_half_right(tmp_path):
     path = tmp_path / "rows.jsonl"
-    rows = peaks.measure(("multi-view", "regions"), (scenes.TOUCHING,), 2, "", None, path)
+    rows = peaks.measure(("multi-view", "regions"), (scenes.TOUCHING,), "test", 2, "", None, path)
     assert results.read_rows(path) == rows
     whole, regions = rows
     assert (whole["method"], regions["method"]) == ("multi-view", "regions")
@@ -62,10 +66,43 @@ def test_peaks_are_filed_and_a_region_of_two_blocks_is_half_right(tmp_path):
 
 def test_a_detector_that_no_source_reads_is_refused(tmp_path):
     with pytest.raises(ValueError, match="detector must be left out, because none of multi-view reads it, got 'some'"):
-        peaks.measure(("multi-view",), (scenes.TOUCHING,), 1, "some", None, tmp_path / "rows.jsonl")
+        peaks.measure(("multi-view",), (scenes.TOUCHING,), "val", 1, "some", None, tmp_path / "rows.jsonl")
 
 
 def test_pictures_are_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "SHOWN", {scenes.TOUCHING: ""})
     (path,) = pictures.draw(tmp_path / "new", 0, ("regions",), "", None)
     assert path.stat().st_size > 2000
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("regions", 2), ("regions-that-rise", 1), ("regions-of-whole-things", 1)]
+)
+def test_the_ways_to_propose_regions_differ_in_a_flat_part(name, expected, monkeypatch):
+    """A handle that rises, and a flat blade that touches it."""
+    source = peaks.make_source(name, scenes.TOUCHING, "", None)
+    handle, blade = np.zeros((2, *source.config.workspace.shape), bool)
+    handle[10:20, 10:14], blade[21:30, 10:14] = True, True
+    for module in (regions, proposals, naming.things):
+        monkeypatch.setattr(module, "things", lambda heightmap: ([handle.copy()], [blade]))
+    proposed = source.propose(None)
+    assert len(proposed) == expected
+    assert np.any(proposed, axis=0)[25, 12] == (name != "regions-that-rise")
+
+
+def test_a_scene_is_drawn_if_the_policies_differ():
+    with scenes.world_of(scenes.BOWLS) as world:
+        scene = scenes.look(world, scenes.BOWLS, "val", 0)
+    inside = tuple(np.argwhere(scene.questions[0].cells)[0])
+    table = fuse_views(scene.views, scenes.configuration(scenes.BOWLS).workspace)
+
+    def policy(cell):
+        source = peaks.make_source("regions", scenes.BOWLS, "", None)
+        chosen = SimpleNamespace(pick_cell=(0, *cell), heightmap=table)
+        return SimpleNamespace(config=source.config, source=source, decide=lambda observation, queries: chosen)
+
+    right, wrong = policy(inside), policy((0, 0))
+    assert acts.row_of(scene, [right, right]) == acts.row_of(scene, [wrong, wrong]) == []
+    titles = [title for title, *_ in acts.row_of(scene, [right, wrong])]
+    assert titles[0].startswith(f'"{scene.questions[0].phrase}"')
+    assert titles[1:] == ["regions\npick: right", "regions\npick: wrong"]

@@ -97,10 +97,29 @@ _OUTLINES: dict[str, Polygon] = {
 }
 
 
-def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
+FONT = "DejaVu Sans"
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The form of a flat piece, besides its name.
+
+    Attributes:
+        stretch: factors of its length along x and along y.
+        font: of a letter or a digit.
+    """
+
+    stretch: tuple[float, float] = (1.0, 1.0)
+    font: str = FONT
+
+
+USUAL_CUT = Cut()
+
+
+def letter_outline(letter: str, height: float = PIECE_SIZE, font: str = FONT) -> Polygon:
     """The outline of a capital letter or digit, ``height`` metres tall, upright along +y."""
-    font = FontProperties(family="DejaVu Sans", weight="bold")
-    rings = [Polygon(ring) for ring in TextPath((0, 0), letter, size=1, prop=font).to_polygons()]
+    bold = FontProperties(family=font, weight="bold")
+    rings = [Polygon(ring) for ring in TextPath((0, 0), letter, size=1, prop=bold).to_polygons()]
     shape = rings[0]
     for ring in rings[1:]:
         shape = shape.symmetric_difference(ring)
@@ -109,15 +128,15 @@ def letter_outline(letter: str, height: float = PIECE_SIZE) -> Polygon:
     return affinity.scale(affinity.translate(shape, -(x0 + x1) / 2, -(y0 + y1) / 2), factor, factor, origin=(0, 0))
 
 
-def outline(name: str) -> Polygon:
+def outline(name: str, cut: Cut = USUAL_CUT) -> Polygon:
     """The outline (metres, centred) of a flat piece, by its name in a sentence.
 
     The pieces are CLIPort's 20 kitting shapes, and any other "letter X shape" or "digit 4 shape".
     """
     if name.startswith(("letter ", "digit ")) and name.endswith(" shape"):
-        return letter_outline(name.split()[1])
+        return affinity.scale(letter_outline(name.split()[1], font=cut.font), *cut.stretch, origin=(0, 0))
     if name in _OUTLINES:
-        return _OUTLINES[name]
+        return affinity.scale(_OUTLINES[name], *cut.stretch, origin=(0, 0))
     raise ValueError(f"no outline is named {name!r}; the names are {', '.join(SEEN_SHAPES + UNSEEN_SHAPES)}")
 
 
@@ -128,10 +147,10 @@ SEEN_SHAPES = (
 UNSEEN_SHAPES = ("letter E shape", "letter L shape", "ring", "hexagon", "heart", "letter M shape")
 
 
-@cache
-def piece_mesh(name: str) -> trimesh.Trimesh:
+@lru_cache(maxsize=256)
+def piece_mesh(name: str, cut: Cut = USUAL_CUT) -> trimesh.Trimesh:
     """A kitting shape as a 20 mm thick piece."""
-    return trimesh.creation.extrude_polygon(outline(name), PIECE_HEIGHT)
+    return trimesh.creation.extrude_polygon(outline(name, cut), PIECE_HEIGHT)
 
 
 @cache

@@ -1,0 +1,86 @@
+"""What is lost: where policies with other map sources pick, on one scene and the same phrase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+from drawings import plot_real_table
+
+from experiments.other_eyes import scenes
+from gem_lite import clip
+from gem_lite.language import Queries
+from gem_lite.policies.checkpoints import load_policy
+from gem_lite.policies.gem import Gem
+from gem_lite.rgbd.observation import Observation
+
+SEARCHED = 50
+"""Validation scenes that are looked through at most."""
+
+
+def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip_name: str | None) -> int:
+    """Draw the first validation scenes on which some policies pick the named thing and others do not.
+
+    A row is a scene: the table, then each policy's map of what to pick, with a cross where it picks.
+
+    Args:
+        picture: PNG to write.
+        kind: of scenes, with a pick and a place.
+        checkpoints: of GEM, two or more.
+        count: number of scenes, at most.
+
+    Returns:
+        The number of scenes that were drawn.
+
+    Raises:
+        ValueError: another kind, fewer than two checkpoints, one that is not of GEM, ``count`` below 1, or there is no
+            such scene.
+        OSError: a checkpoint cannot be read, or the picture cannot be written.
+    """
+    if kind not in (scenes.BOWLS, scenes.PARTS):
+        raise ValueError(f"kind must be {scenes.BOWLS} or {scenes.PARTS}, got {kind!r}")
+    if len(checkpoints) < 2:
+        raise ValueError(f"checkpoints must be at least two, got {len(checkpoints)}")
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    model = clip.load(clip_name)
+    policies = [load_policy(path, model).eval() for path in checkpoints]
+    if others := [policy.name for policy in policies if not isinstance(policy, Gem)]:
+        raise ValueError(f"checkpoints must be of GEM, whose maps can be drawn, got {', '.join(others)}")
+    panels: list[tuple] = []
+    with scenes.world_of(kind) as world:
+        for index in range(SEARCHED):
+            scene = scenes.look(world, kind, "val", index)
+            row = row_of(scene, policies)
+            if row:
+                panels += row
+            if len(panels) == count * (1 + len(policies)):
+                break
+    if not panels:
+        raise ValueError(f"checkpoints must pick differently on one of {SEARCHED} scenes; all these pick alike")
+    figure = plot_real_table.show_maps(panels, columns=1 + len(policies))
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(picture, bbox_inches="tight")
+    plt.close(figure)
+    return len(panels) // (1 + len(policies))
+
+
+def row_of(scene: scenes.Scene, policies: Sequence[Gem]) -> list[tuple]:
+    """The panels of a scene for `plot_real_table.show_maps`; none if all policies are right, or all are wrong."""
+    asked, place = scene.questions
+    queries = Queries(pick=asked.phrase, place=place.phrase)
+    panels = []
+    rights = []
+    for policy in policies:
+        choice = policy.decide(Observation(scene.views), queries)
+        _, row, col = choice.pick_cell
+        right = bool(asked.cells[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].any())
+        source = policy.source
+        semantic = source.map(source.embed(scene.views), asked.phrase)
+        title = f"{policy.config.semantic_map}\npick: {'right' if right else 'wrong'}"
+        panels.append((title, semantic, asked.cells, (row, col)))
+        rights.append(right)
+    if len(set(rights)) == 1:
+        return []
+    return [(f'"{asked.phrase}"\nthe table', choice.heightmap.rgb, asked.cells, None), *panels]
