@@ -90,8 +90,8 @@ def acts(
     from experiments.other_eyes import acts as drawing
 
     torch.set_num_threads(1)
-    drawn = drawing.draw(picture, kind, checkpoints, scenes, clip)
-    print(f"{drawn} scenes are in {picture}")
+    for checkpoint, right in zip(checkpoints, drawing.draw(picture, kind, checkpoints, scenes, clip), strict=True):
+        print(f"{checkpoint}: {right} of {drawing.SCENES} picks are on the named thing")
 
 
 APP = base.make_app("python -m experiments.other_eyes", __doc__, pictures, peaks, acts)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from drawings import plot_real_table
+from tqdm import tqdm
 
 from experiments.other_eyes import scenes
 from gem_lite import clip
@@ -15,11 +16,11 @@ from gem_lite.policies.checkpoints import load_policy
 from gem_lite.policies.gem import Gem
 from gem_lite.rgbd.observation import Observation
 
-SEARCHED = 50
-"""Validation scenes that are looked through at most."""
+SCENES = 50
+"""The validation scenes that are looked at."""
 
 
-def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip_name: str | None) -> int:
+def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip_name: str | None) -> list[int]:
     """Draw the first validation scenes on which some policies pick the named thing and others do not.
 
     A row is a scene: the table, then each policy's map of what to pick, with a cross where it picks.
@@ -31,7 +32,7 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
         count: number of scenes, at most.
 
     Returns:
-        The number of scenes that were drawn.
+        For each policy, the number of the `SCENES` on which it picks the named thing.
 
     Raises:
         ValueError: another kind, fewer than two checkpoints, one that is not of GEM, ``count`` below 1, or there is no
@@ -49,25 +50,24 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
     if others := [policy.name for policy in policies if not isinstance(policy, Gem)]:
         raise ValueError(f"checkpoints must be of GEM, whose maps can be drawn, got {', '.join(others)}")
     panels: list[tuple] = []
+    totals = [0] * len(policies)
     with scenes.world_of(kind) as world:
-        for index in range(SEARCHED):
-            scene = scenes.look(world, kind, "val", index)
-            row = row_of(scene, policies)
-            if row:
+        for index in tqdm(range(SCENES), kind, unit="scene"):
+            row, rights = row_of(scenes.look(world, kind, "val", index), policies)
+            totals = [total + right for total, right in zip(totals, rights, strict=True)]
+            if len(set(rights)) > 1 and len(panels) < count * len(row):
                 panels += row
-            if len(panels) == count * (1 + len(policies)):
-                break
     if not panels:
-        raise ValueError(f"checkpoints must pick differently on one of {SEARCHED} scenes; all these pick alike")
+        raise ValueError(f"checkpoints must pick differently on one of {SCENES} scenes; all these pick alike")
     figure = plot_real_table.show_maps(panels, columns=1 + len(policies))
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, bbox_inches="tight")
     plt.close(figure)
-    return len(panels) // (1 + len(policies))
+    return totals
 
 
-def row_of(scene: scenes.Scene, policies: Sequence[Gem]) -> list[tuple]:
-    """The panels of a scene for `plot_real_table.show_maps`; none if all policies are right, or all are wrong."""
+def row_of(scene: scenes.Scene, policies: Sequence[Gem]) -> tuple[list[tuple], list[bool]]:
+    """The panels of a scene for `plot_real_table.show_maps`, and for each policy whether it picks the named thing."""
     asked, place = scene.questions
     queries = Queries(pick=asked.phrase, place=place.phrase)
     panels = []
@@ -81,6 +81,4 @@ def row_of(scene: scenes.Scene, policies: Sequence[Gem]) -> list[tuple]:
         title = f"{policy.config.semantic_map}\npick: {'right' if right else 'wrong'}"
         panels.append((title, semantic, asked.cells, (row, col)))
         rights.append(right)
-    if len(set(rights)) == 1:
-        return []
-    return [(f'"{asked.phrase}"\nthe table', choice.heightmap.rgb, asked.cells, None), *panels]
+    return [(f'"{asked.phrase}"\nthe table', choice.heightmap.rgb, asked.cells, None), *panels], rights

@@ -38,13 +38,14 @@ def show_success(success: Mapping[str, Mapping[str, tuple[float, float, float]]]
     """Figure A7: success (%) in each task, a mark for each map source, with the interval of its mean.
 
     Args:
-        success: by the name of a source and the title of a task: the mean, and both ends of its interval.
+        success: by the name of a source and the title of a task: the mean, and both ends of its interval. The first
+            source has all tasks.
     """
     titles = list(next(iter(success.values())))
     fig, ax = plt.subplots(figsize=(2.1 * len(titles), 3.1), dpi=90, layout="constrained")
     for number, ((name, of_tasks), color, mark) in enumerate(zip(success.items(), SAFE_COLORS, "osD^", strict=False)):
-        mean, low, high = np.array([of_tasks[title] for title in titles]).T
-        places = np.arange(len(titles)) + 0.16 * (number - (len(success) - 1) / 2)
+        mean, low, high = np.array(list(of_tasks.values())).T
+        places = [titles.index(title) + 0.16 * (number - (len(success) - 1) / 2) for title in of_tasks]
         ax.errorbar(places, mean, [mean - low, high - mean], fmt=mark, color=color, capsize=3, label=name)
     ax.set(ylabel="success (%)", ylim=(-4, 104))
     ax.set_xticks(range(len(titles)), titles)

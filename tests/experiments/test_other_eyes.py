@@ -90,7 +90,7 @@ def test_the_ways_to_propose_regions_differ_in_a_flat_part(name, expected, monke
     assert np.any(proposed, axis=0)[25, 12] == (name != "regions-that-rise")
 
 
-def test_a_scene_is_drawn_if_the_policies_differ():
+def test_a_pick_on_the_named_thing_is_right():
     with scenes.world_of(scenes.BOWLS) as world:
         scene = scenes.look(world, scenes.BOWLS, "val", 0)
     inside = tuple(np.argwhere(scene.questions[0].cells)[0])
@@ -102,7 +102,8 @@ def test_a_scene_is_drawn_if_the_policies_differ():
         return SimpleNamespace(config=source.config, source=source, decide=lambda observation, queries: chosen)
 
     right, wrong = policy(inside), policy((0, 0))
-    assert acts.row_of(scene, [right, right]) == acts.row_of(scene, [wrong, wrong]) == []
-    titles = [title for title, *_ in acts.row_of(scene, [right, wrong])]
+    panels, rights = acts.row_of(scene, [right, wrong])
+    assert rights == [True, False]
+    titles = [title for title, *_ in panels]
     assert titles[0].startswith(f'"{scene.questions[0].phrase}"')
     assert titles[1:] == ["regions\npick: right", "regions\npick: wrong"]
