@@ -93,6 +93,7 @@ SOURCES = {
 SOURCES_ON = (
     ("put-block-in-bowl-seen-colors", 10, "home"),
     ("put-block-in-bowl-unseen-colors", 10, "home"),
+    ("put-block-in-bowl-seen-colors", 10, "touching"),
     ("packing-shapes-seen", 10, "home"),
     ("packing-shapes-unseen", 10, "home"),
     ("pick-object-part-in-brown-box-seen", 5, "real-table"),
@@ -198,9 +199,9 @@ def sources(rows: Rows) -> str:
         cells = [at_home(newest, method, task, demos, world) for method in SOURCES]
         measured = {method: scores(newest, method, demos, world=world).get(task) for method in SOURCES}
         leads = [lead(measured[method], measured["gem"]) for method in others]
-        lines.append([named(task), str(demos), *cells, *leads])
+        lines.append([named(task), world, str(demos), *cells, *leads])
     titles = [*SOURCES.values(), *(f"{SOURCES[method]} minus patches" for method in others)]
-    return lines_of(["task", "demonstrations", *titles], lines)
+    return lines_of(["task", "world", "demonstrations", *titles], lines)
 
 
 def search(rows: Rows) -> str:
