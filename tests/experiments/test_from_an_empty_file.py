@@ -28,7 +28,7 @@ def code_lines(source):
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     lines = {line for one in tokens if one.type not in NO_CODE for line in range(one.start[0], one.end[0] + 1)}
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node) is not None:
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node) is not None:
             lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return lines
 
@@ -42,9 +42,19 @@ def imported(source):
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+COUNTED = '''"""A module's docstring."""
+
+# a comment
+def add(one):
+    """A docstring
+    of two lines."""
+    return (one +
+            1)
+'''
+
+
 def test_what_is_counted():
-    source = '"""No docstring of a function."""\n\n# nothing\ndef f():\n    """A docstring\n    of two lines."""\n    return (1,\n            2)\n'
-    assert code_lines(source) == {1, 4, 7, 8}
+    assert code_lines(COUNTED) == {4, 7, 8}
 
 
 def test_gem_fits_into_400_lines_and_its_rival_into_60():
