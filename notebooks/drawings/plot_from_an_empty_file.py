@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, bare, draw_gripper
 from gem_lite.se2 import Pose2, Workspace
 
-BELOW = 15.0
+BELOW = 60.0
 """Logits at most this far below the highest are drawn; what is lower is as dark."""
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import io
+import re
 import tokenize
 
 import nbformat
@@ -9,6 +10,7 @@ import pytest
 
 from experiments.from_an_empty_file.__main__ import APP, LESSON, TAG, program
 from gem_lite.cli import base
+from gem_lite.foundations.files import DATA
 
 LONGEST, LONGEST_RIVAL = 400, 60
 """Lines of code of GEM and of Transporter-Lan, without blank lines, comments and docstrings."""
@@ -71,13 +73,17 @@ def test_it_imports_nothing_of_the_library_but_simulator_tasks_and_clip():
 
 def test_the_cells_besides_define_nothing_that_the_program_needs():
     assert set(cells("rival")) < set(cells(TAG))
-    compile(program(), LESSON.name, "exec")
+    compile(program(), LESSON.stem, "exec")
 
 
 def test_it_trains_two_steps_and_plays_an_episode(capsys):
-    words = ["--steps", "2", "--episodes", "1", "--demos", "1"]
-    assert base.run(APP, words) == 0
-    printed = capsys.readouterr().out
-    assert "2 steps, seed 0, 1 demonstrations: " in printed and "in 1 test episodes" in printed
-    losses = [float(word.strip(",")) for word in printed.splitlines()[0].split() if word[0].isdigit()]
-    assert losses == pytest.approx([12.5, 11.5], abs=2)
+    assert base.run(APP, ["--steps", "2", "--episodes", "1", "--demos", "1"]) == 0
+    cost, losses, score = capsys.readouterr().out.splitlines()
+    assert cost.startswith("2 steps, seed 0, 1 demonstrations: ")
+    assert [float(loss) for loss in re.findall(r"[\d.]+\d", losses)] == pytest.approx([12.5, 11.5], abs=2)
+    assert re.fullmatch(r"mean score [\d.]+ in 1 test episodes: \d+", score)
+
+
+def test_the_shipped_weights_play(capsys):
+    assert base.run(APP, ["--episodes", "1", "--checkpoint", str(DATA / "gem-put-block-in-bowl.safetensors")]) == 0
+    assert capsys.readouterr().out == "mean score 100.0 in 1 test episodes: 100\n"
