@@ -1,0 +1,92 @@
+"""Train the GEM that the lesson "GEM from an empty file" types, and play test episodes with it."""
+
+from __future__ import annotations
+
+import sys
+import time
+import types
+from pathlib import Path
+
+import nbformat
+import safetensors.torch
+import torch
+from torch import nn
+
+from gem_lite import demonstrations, tasks
+from gem_lite.cli import base
+from gem_lite.foundations.files import DATA
+from gem_lite.policies.checkpoints import read_card
+from gem_lite.simulation.world import World
+
+LESSON = Path(__file__).resolve().parents[2] / "notebooks" / "gem_from_an_empty_file.ipynb"
+TAG = "mechanism"
+TASK = "put-block-in-bowl-seen-colors"
+
+
+def program() -> str:
+    """The cells of the lesson with the tag `TAG`, joined: a program without checks and figures."""
+    cells = nbformat.read(LESSON, as_version=4).cells
+    return "\n\n\n".join(cell.source for cell in cells if TAG in cell.metadata.get("tags", [])) + "\n"
+
+
+def load() -> types.ModuleType:
+    """The `program`, executed as a module."""
+    typed = types.ModuleType(LESSON.stem)
+    exec(compile(program(), f"{LESSON.stem}.py", "exec", dont_inherit=True), typed.__dict__)
+    return typed
+
+
+def trained(typed: types.ModuleType, steps: int, seed: int, demos: int) -> tuple[nn.Module, object]:
+    """The lesson's GEM after a training, and the crops of its demonstrations."""
+    start = time.perf_counter()
+    shown = list(demonstrations.load(DATA / "demos" / f"{TASK}-10"))[:demos]
+    memory = typed.CropMemory.of(shown)
+    torch.manual_seed(seed)
+    gem = typed.Gem()
+    losses = typed.train(gem, typed.prepare(shown, memory), steps, seed)
+    print(f"{steps} steps, seed {seed}, {len(shown)} demonstrations: {time.perf_counter() - start:.0f} s")
+    print(f"losses of the last step: pick {losses[-1, 0]:.2f}, place {losses[-1, 1]:.2f}")
+    return gem, memory
+
+
+def shipped(typed: types.ModuleType, checkpoint: Path) -> tuple[nn.Module, object]:
+    """The lesson's GEM with the library's weights, and the crops that lie beside them."""
+    tensors = safetensors.torch.load_file(checkpoint)
+    crops = list(tensors.pop("memory.images").numpy())
+    labels = read_card(checkpoint)["memory"]
+    gem = typed.Gem()
+    gem.load_state_dict(tensors, strict=False)  # e2cnn's buffers are in no file
+    return gem, typed.CropMemory([one["phrase"] for one in labels], crops, [one["episode"] for one in labels])
+
+
+def run(
+    *, steps: int = 2000, seed: int = 0, episodes: int = 10, demos: int = 10, checkpoint: Path | None = None
+) -> None:  # fmt: skip
+    """Train the lesson's GEM, play test episodes, and print their mean score in percent.
+
+    Args:
+        steps: number of training steps
+        seed: of the first weights and of the batches
+        episodes: number of test episodes, from 0 on
+        demos: number of demonstrations, from the first of the ten that are shipped
+        checkpoint: weights of the library's GEM to play with; then nothing is trained
+
+    Examples:
+      python -m experiments.from_an_empty_file
+      python -m experiments.from_an_empty_file --steps 50 --episodes 2 --demos 3
+      python -m experiments.from_an_empty_file --checkpoint data/gem-put-block-in-bowl.safetensors
+    """
+    typed = load()
+    gem, memory = shipped(typed, checkpoint) if checkpoint else trained(typed, steps, seed, demos)
+    with World() as world:
+        task = tasks.make(TASK, "test")
+        scores = [typed.play(gem, world, task, number, memory) for number in range(episodes)]
+    print(f"mean score {100 * sum(scores) / episodes:.1f} in {episodes} test episodes: "
+          f"{', '.join(f'{100 * score:.0f}' for score in scores)}")  # fmt: skip
+
+
+APP = base.make_app("python -m experiments.from_an_empty_file", None, help_epilogue=base.examples(run))
+APP.default(run)
+
+if __name__ == "__main__":
+    sys.exit(base.run(APP))
