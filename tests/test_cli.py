@@ -224,7 +224,7 @@ foreign_tasks draw | requires an argument
 other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
 other_eyes acts a.png b --kind put-block-in-bowl-seen-colors | checkpoints must be at least two, got 1
-other_eyes acts a.png b c --kind put-block-in-bowl-seen-colors --scenes 0 | count must be at least 1, got 0
+other_eyes acts a.png b c --kind put-block-in-bowl-seen-colors --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
 other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:

@@ -15,7 +15,7 @@ from gem_lite.simulation import environment, looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.bodies.shapes import Cut
 from gem_lite.simulation.looks import HOME, OTHER_BOWLS, TRAINING_BOWLS, Look
-from gem_lite.simulation.rendering import CAMERAS
+from gem_lite.simulation.rendering import CAMERAS, LampRange
 from gem_lite.simulation.world import World
 from gem_lite.tasks import assembling_kits
 from gem_lite.tasks.spawn import FreeSpace
@@ -161,3 +161,18 @@ def test_a_piece_of_another_cut_fits_its_hole_and_a_symmetric_one_stays_so():
         usual = shapes.piece_mesh(name, Cut(font=cut.font))
         assert piece.extents[:2] == pytest.approx(usual.extents[:2] * cut.stretch)
     assert FreeSpace(Workspace(), np.random.default_rng(0)).cut(symmetric=False) == Cut()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: Look(stretch=(1.1, 0.9)), "stretch must go from a number above 0 to one at least as large"),
+        (lambda: Look(grays=(0.0, 1.0)), "grays must go from a number above 0 to one at least as large"),
+        (lambda: Look(fonts=()), "fonts must name at least one font"),
+        (lambda: Look(erring=1.5), r"erring must be a share in \[0, 1\], got 1.5"),
+        (lambda: LampRange(tint=2.0), r"tint must be a share in \[0, 1\], got 2.0"),
+    ],
+)
+def test_looks_that_cannot_be_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        wrong()

@@ -172,7 +172,7 @@ def heights(rows: Rows) -> str:
     """Shipped policies measured again: by family of tasks, the benchmark's rows of the same weights beside ``rows``."""
     benchmark = {_played(row): row for row in results.stored_rows()}
     rewards: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
-    for row in (row for row in rows if row["subset"] == "all"):
+    for row in (row for row in rows if (row["subset"], row["world"]) == ("all", "home")):
         if earlier_row := benchmark.get(_played(row)):
             earlier, now = rewards.setdefault((row["method"], family(row["task"])), ([], []))
             earlier += earlier_row["rewards"].values()

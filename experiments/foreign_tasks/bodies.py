@@ -125,8 +125,8 @@ def radius(outline: Polygon) -> float:
 
 
 def add_piece(table: TaskTable, outline: Polygon, color: str, pose: Pose2) -> Body:
-    """A flat piece. It collides as a box that is smaller than its outline."""
-    x0, y0, x1, y1 = (0.35 * side for side in outline.bounds)
+    """A flat piece. It collides as a box whose sides are 70 % of its outline's."""
+    x0, y0, x1, y1 = (0.7 * side for side in outline.bounds)
     half = f"{(x1 - x0) / 2} {(y1 - y0) / 2} {PIECE_HEIGHT / 2}"
     hidden = f'<geom type="box" size="{half}" pos="0 0 {PIECE_HEIGHT / 2}" mass="{MASS}" {HIDDEN}/>'
     return table.put(drawn(table, outline, PIECE_HEIGHT, color) + hidden, pose)

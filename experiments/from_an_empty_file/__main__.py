@@ -50,11 +50,17 @@ def trained(typed: types.ModuleType, steps: int, seed: int, demos: int) -> tuple
 
 
 def shipped(typed: types.ModuleType, checkpoint: Path) -> tuple[nn.Module, object]:
-    """The lesson's GEM with the library's weights, and the crops that lie beside them."""
+    """The lesson's GEM with the library's weights, and the crops that lie beside them.
+
+    Raises:
+        ValueError: a weight is missing, or there is one more.
+    """
     tensors = safetensors.torch.load_file(checkpoint)
     crops = list(tensors.pop("memory.images").numpy())
     labels = read_card(checkpoint)["memory"]
     gem = typed.Gem()
+    if tensors.keys() != dict(gem.named_parameters()).keys():
+        raise ValueError(f"checkpoint must have the weights of the lesson's GEM and no others, got {checkpoint}")
     gem.load_state_dict(tensors, strict=False)  # e2cnn's buffers are in no file
     return gem, typed.CropMemory([one["phrase"] for one in labels], crops, [one["episode"] for one in labels])
 
@@ -76,6 +82,9 @@ def run(
       python -m experiments.from_an_empty_file --steps 50 --episodes 2 --demos 3
       python -m experiments.from_an_empty_file --checkpoint data/gem-put-block-in-bowl.safetensors
     """
+    for name, value, most in (("steps", steps, None), ("episodes", episodes, None), ("demos", demos, 10)):
+        if value < 1 or (most is not None and value > most):
+            raise ValueError(f"{name} must be at least 1{'' if most is None else f' and at most {most}'}, got {value}")
     typed = load()
     gem, memory = shipped(typed, checkpoint) if checkpoint else trained(typed, steps, seed, demos)
     with World() as world:

@@ -21,7 +21,7 @@ SCENES = 50
 
 
 def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip_name: str | None) -> list[int]:
-    """Draw the first validation scenes on which some policies pick the named thing and others do not.
+    """Draw the first validation scenes on which some policies pick the named thing and others do not, if there are any.
 
     A row is a scene: the table, then each policy's map of what to pick, with a cross where it picks.
 
@@ -35,8 +35,7 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
         For each policy, the number of the `SCENES` on which it picks the named thing.
 
     Raises:
-        ValueError: another kind, fewer than two checkpoints, one that is not of GEM, ``count`` below 1, or there is no
-            such scene.
+        ValueError: another kind, fewer than two checkpoints, one that is not of GEM, or ``count`` below 1.
         OSError: a checkpoint cannot be read, or the picture cannot be written.
     """
     if kind not in (scenes.BOWLS, scenes.PARTS):
@@ -44,7 +43,7 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
     if len(checkpoints) < 2:
         raise ValueError(f"checkpoints must be at least two, got {len(checkpoints)}")
     if count < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+        raise ValueError(f"scenes must be at least 1, got {count}")
     model = clip.load(clip_name)
     policies = [load_policy(path, model).eval() for path in checkpoints]
     if others := [policy.name for policy in policies if not isinstance(policy, Gem)]:
@@ -58,7 +57,7 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
             if len(set(rights)) > 1 and len(panels) < count * len(row):
                 panels += row
     if not panels:
-        raise ValueError(f"checkpoints must pick differently on one of {SCENES} scenes; all these pick alike")
+        return totals
     figure = plot_real_table.show_maps(panels, columns=1 + len(policies))
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, bbox_inches="tight")
@@ -76,9 +75,7 @@ def row_of(scene: scenes.Scene, policies: Sequence[Gem]) -> tuple[list[tuple], l
         choice = policy.decide(Observation(scene.views), queries)
         _, row, col = choice.pick_cell
         right = bool(asked.cells[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].any())
-        source = policy.source
-        semantic = source.map(source.embed(scene.views), asked.phrase)
         title = f"{policy.config.semantic_map}\npick: {'right' if right else 'wrong'}"
-        panels.append((title, semantic, asked.cells, (row, col)))
+        panels.append((title, choice.pick_map, asked.cells, (row, col)))
         rights.append(right)
     return [(f'"{asked.phrase}"\nthe table', choice.heightmap.rgb, asked.cells, None), *panels], rights

@@ -1,4 +1,4 @@
-"""Two other ways to propose regions, which the source "regions" was chosen among on validation scenes."""
+"""Two other ways to propose regions. The source "regions" had the best peaks on validation scenes."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ RGBD = 4
 def exposure(heightmap: HeightMap) -> float:
     """The factor on all colours that gives the bare table `TABLE_LEVEL`; 1 where no cell is bare.
 
-    A brighter lamp makes table and objects brighter by the same factor, and the table is the same in every scene. So
+    A brighter lamp makes table and objects brighter by the same factor. If the table is the same in every scene,
     the table shows how bright the lamp is, like a photographer's gray card. It lies where it is seen: at the median of
     the heights near z = 0.
     """

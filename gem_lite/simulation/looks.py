@@ -33,10 +33,11 @@ class Look:
         bowls: profiles of bowls; each bowl gets one of them at random.
         box_heights: heights (m) of the walls of a brown box; each box gets one of them at random.
         plates: (width, height) (m) of the plates of a pyramid's base; each base gets one of them at random.
-        stretch: range of a factor by which lengths differ: of flat pieces and their holes, of stands and rings. A
-            piece that looks the same after some turns has one factor, others have one along x and one along y.
+        stretch: range of a factor by which lengths differ: of flat pieces and their holes, of a stand's plates and
+            pegs, and of rings. A piece that looks the same after less than half a turn has one factor, others have two.
         fonts: of letters that are pieces or holes; each letter of a scene gets one of them at random.
-        grays: range of a factor of the table's brightness, which differs from episode to episode.
+        grays: range of a factor of the table's brightness, which differs from episode to episode. Networks see it as
+            brighter or darker things (`policies.inputs.exposure`).
         erring: the share of episodes in which the cameras have the errors of ``sensors``.
         touching: the share of bodies that are put next to another body, if there is room.
         at_edge: the share of bodies that are put against the table's edge.
@@ -63,6 +64,14 @@ class Look:
             raise ValueError(
                 f"sensors must be none, or one for each of {len(self.cameras)} cameras, got {len(self.sensors)}"
             )
+        for name in ("stretch", "grays"):
+            low, high = getattr(self, name)
+            if not 0 < low <= high:
+                raise ValueError(f"{name} must go from a number above 0 to one at least as large, got {(low, high)}")
+        if not self.fonts:
+            raise ValueError("fonts must name at least one font")
+        if not 0 <= self.erring <= 1:
+            raise ValueError(f"erring must be a share in [0, 1], got {self.erring}")
 
 
 TRAINING_BOWLS = (
@@ -71,7 +80,7 @@ TRAINING_BOWLS = (
     BowlProfile(rim=0.062, base=0.04, height=0.028, wall=0.004, floor=0.006),
     BowlProfile(rim=0.055, base=0.042, height=0.045, wall=0.008, floor=0.008),
 )
-"""Profiles of demonstrations in the worlds "varied" and "crowded". None of them is in `OTHER_BOWLS`."""
+"""Profiles of demonstrations in the worlds "varied", "crowded" and "diverse". None of them is in `OTHER_BOWLS`."""
 OTHER_BOWLS = (
     BowlProfile(rim=0.06, base=0.036, height=0.04, wall=0.005, floor=0.008, bend=0.5),
     BowlProfile(rim=0.054, base=0.054, height=0.036, wall=0.003, floor=0.003),

@@ -100,6 +100,9 @@ class LampRange:
         for name, value in vars(self).items():
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} must be a finite number of at least 0, got {value!r}")
+        for name in ("tint", "contrast", "shadows"):
+            if getattr(self, name) > 1:
+                raise ValueError(f"{name} must be a share in [0, 1], got {getattr(self, name)!r}")
 
     def draw(self, light: Light, rng: np.random.Generator) -> Light:
         """The lamp of an episode, near ``light``."""

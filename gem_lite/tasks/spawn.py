@@ -68,7 +68,7 @@ class FreeSpace:
         return float(self._choices.uniform(low, high))
 
     def cut(self, symmetric: bool) -> Cut:
-        """A random form of a flat piece. If it looks the same after some turns, it is ``symmetric`` and stays so."""
+        """A random form of a flat piece; a ``symmetric`` one, as `packing_shapes.is_symmetric` says, stays so."""
         along_x, along_y = self.factor(), self.factor()
         fonts = self._style.fonts
         return Cut((along_x, along_x if symmetric else along_y), fonts[self.choose(len(fonts))])

@@ -19,6 +19,7 @@ from gem_lite.evaluation import results
 from gem_lite.foundations import colors
 from gem_lite.language import parse
 from gem_lite.se2 import Pose2
+from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 
 PLACED = [name for name in FAMILIES if name != "separating-piles"]
@@ -142,3 +143,8 @@ def test_the_cup_holds_what_is_below_its_rim(beside, held):
         block, half = table.pose(task.goals[0].bodies[0])
         pick = block @ Pose2(half + beside, 0.0)
         assert table.act(PickPlace(pick, pick)) == held
+
+
+def test_its_fonts_are_in_no_demonstration():
+    demonstrated = {font for name in looks.names() for font in looks.style(name).fonts}
+    assert demonstrated.isdisjoint(family for family, _ in bodies.FONTS)

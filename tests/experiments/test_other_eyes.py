@@ -98,8 +98,8 @@ def test_a_pick_on_the_named_thing_is_right():
 
     def policy(cell):
         source = peaks.make_source("regions", scenes.BOWLS, "", None)
-        chosen = SimpleNamespace(pick_cell=(0, *cell), heightmap=table)
-        return SimpleNamespace(config=source.config, source=source, decide=lambda observation, queries: chosen)
+        chosen = SimpleNamespace(pick_cell=(0, *cell), heightmap=table, pick_map=table.height)
+        return SimpleNamespace(config=source.config, decide=lambda observation, queries: chosen)
 
     right, wrong = policy(inside), policy((0, 0))
     panels, rights = acts.row_of(scene, [right, wrong])
