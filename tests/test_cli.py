@@ -32,7 +32,7 @@ SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
     "benchmark", "clip_tabletop", "foreign_table", "foreign_tasks", "other_eyes", "other_words", "picture_prompts",
-    "planning", "pointing", "real_tables", "sensor_noise",
+    "from_an_empty_file", "planning", "pointing", "real_tables", "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -221,6 +221,8 @@ foreign_tasks measure none.safetensors bowls | family must be one of assembling-
 foreign_tasks measure none.safetensors assembling-kits | the checkpoint none.safetensors is not complete
 foreign_tasks measure none.safetensors assembling-kits --split train | Choose from: "val", "test".
 foreign_tasks draw | requires an argument
+from_an_empty_file --episodes 0 | episodes must be at least 1, got 0
+from_an_empty_file --demos 20 | demos must be at least 1 and at most 10, got 20
 other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
 other_eyes acts a.png b --kind put-block-in-bowl-seen-colors | checkpoints must be at least two, got 1
