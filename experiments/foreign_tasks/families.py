@@ -20,6 +20,8 @@ from gem_lite.tasks.spawn import FreeSpace, draw
 from gem_lite.tasks.task import Task
 
 QUARTER = math.pi / 2
+TOLERANCE, YAW_TOLERANCE = assembling_kits.TOLERANCE, assembling_kits.YAW_TOLERANCE
+"""Of a place (m) and of a yaw (radians), in all families."""
 KIT = (0.31, 0.21, 0.007)
 """Sides (m) of the board of a kit."""
 SPOTS = (Pose2(-0.1, 0.05), Pose2(0.0, 0.05), Pose2(0.1, 0.05), Pose2(-0.05, -0.05), Pose2(0.05, -0.05))
@@ -37,7 +39,7 @@ def other_size(rng: np.random.Generator) -> float:
 class StackBlockPyramid(Task):
     """Six blocks and a base of three long plates with cut corners."""
 
-    max_steps = 12
+    max_steps = stack_block_pyramid.StackBlockPyramid.max_steps
 
     def lay_out(self, environment: TaskTable, rng: np.random.Generator, seed: int) -> list[Goal]:
         """See `Task.lay_out`."""
@@ -58,7 +60,7 @@ class StackBlockPyramid(Task):
             block = bodies.add_block(environment, side, color, free.take(side / math.sqrt(2)))
             self.put(environment, block, f"{color} block")
             height = thickness + (layer + 0.5) * side
-            on_spot = PoseMetric(0.01, QUARTER, math.radians(15), height, 0.01)
+            on_spot = PoseMetric(TOLERANCE, QUARTER, YAW_TOLERANCE, height, TOLERANCE)
             sentence = f"put the {color} block on the {place}"
             goals.append(Goal(sentence, (block,), (base @ Pose2(0, factor * y),), on_spot, grasp_symmetry=QUARTER))
         return goals
@@ -70,7 +72,7 @@ class AssemblingKits(Task):
     The shapes are those that no demonstration of gem_lite has, as in its validation and test episodes.
     """
 
-    max_steps = 5
+    max_steps = assembling_kits.AssemblingKits.max_steps
 
     def lay_out(self, environment: TaskTable, rng: np.random.Generator, seed: int) -> list[Goal]:
         """See `Task.lay_out`."""
@@ -95,7 +97,7 @@ class AssemblingKits(Task):
             twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
             hole = f"{assembling_kits.location(places[number], twins)} {name} hole".strip()
             symmetry = bodies.symmetry(outline)
-            metric = PoseMetric(0.01, symmetry, math.radians(15))
+            metric = PoseMetric(TOLERANCE, symmetry, YAW_TOLERANCE)
             sentence = f"put the {color} {name} in the {hole}"
             grasp = bodies.grasp(outline)
             # The tool holds a ring off its middle, so a round piece must keep its yaw.
@@ -107,7 +109,7 @@ class AssemblingKits(Task):
 class TowersOfHanoi(Task):
     """A stand of three pegs on three brown plates, and three rings of three sizes and colours on the lighter side."""
 
-    max_steps = 14
+    max_steps = towers_of_hanoi.TowersOfHanoi.max_steps
 
     def lay_out(self, environment: TaskTable, rng: np.random.Generator, seed: int) -> list[Goal]:
         """See `Task.lay_out`."""
@@ -135,7 +137,7 @@ class TowersOfHanoi(Task):
         for size, number in towers_of_hanoi.MOVES:
             grasp = Pose2((inner + radii[size]) / 2, 0.0)
             sentence = f"move the {self.named_colors[size]} ring to the {towers_of_hanoi.PLATES[number]}"
-            metric = PoseMetric(0.01)
+            metric = PoseMetric(TOLERANCE)
             # The tool holds a ring off its middle, so the ring must keep its yaw.
             goals.append(Goal(sentence, (rings[size],), (plates[number],), metric, grasp=grasp, rotations=False))
         return goals
@@ -145,7 +147,7 @@ class SeparatingPiles(Task):
     """A pile of 50 small cubes and two squares, in three colours. A blade pushes the pile into the named square."""
 
     effector = "spatula"
-    max_steps = 20
+    max_steps = separating_piles.SeparatingPiles.max_steps
 
     def lay_out(self, environment: TaskTable, rng: np.random.Generator, seed: int) -> list[Goal]:
         """See `Task.lay_out`."""
