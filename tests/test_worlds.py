@@ -13,7 +13,7 @@ from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.se2 import Workspace
 from gem_lite.simulation import environment, looks
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import Cut
+from gem_lite.simulation.bodies.shapes import PieceForm
 from gem_lite.simulation.looks import HOME, OTHER_BOWLS, TRAINING_BOWLS, Look
 from gem_lite.simulation.rendering import CAMERAS, LampRange
 from gem_lite.simulation.world import World
@@ -151,16 +151,16 @@ def test_lamps_tables_and_erring_cameras_differ_from_episode_to_episode(monkeypa
     assert np.ptp(colors, axis=0).min() > 0.1 and np.max(colors) <= 1
 
 
-def test_a_piece_of_another_cut_fits_its_hole_and_a_symmetric_one_stays_so():
+def test_a_piece_of_another_form_fits_its_hole_and_a_symmetric_one_stays_so():
     free = FreeSpace(Workspace(), np.random.default_rng(0), looks.style("diverse"))
-    square, letter = free.cut(symmetric=True), free.cut(symmetric=False)
+    square, letter = free.piece_form(symmetric=True), free.piece_form(symmetric=False)
     assert square.stretch[0] == square.stretch[1] != 1 and letter.stretch[0] != letter.stretch[1]
-    for name, cut in (("square", square), ("letter R shape", letter)):
-        piece, hole = shapes.piece_mesh(name, cut), assembling_kits.hole_mesh(name, cut)
+    for name, form in (("square", square), ("letter R shape", letter)):
+        piece, hole = shapes.piece_mesh(name, form), assembling_kits.hole_mesh(name, form)
         assert piece.extents[:2] == pytest.approx(hole.extents[:2])
-        usual = shapes.piece_mesh(name, Cut(font=cut.font))
-        assert piece.extents[:2] == pytest.approx(usual.extents[:2] * cut.stretch)
-    assert FreeSpace(Workspace(), np.random.default_rng(0)).cut(symmetric=False) == Cut()
+        usual = shapes.piece_mesh(name, PieceForm(font=form.font))
+        assert piece.extents[:2] == pytest.approx(usual.extents[:2] * form.stretch)
+    assert FreeSpace(Workspace(), np.random.default_rng(0)).piece_form(symmetric=False) == PieceForm()
 
 
 @pytest.mark.parametrize(

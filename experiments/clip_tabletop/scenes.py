@@ -40,7 +40,7 @@ def _kit(build: Builder) -> None:
         return
     names = [str(name) for name in build.rng.choice(vocabulary.PIECES, len(assembling_kits.SPOTS))]
     yaws = build.rng.uniform(-np.pi, np.pi, len(names)).tolist()
-    board, holes = assembling_kits.add_full_kit(build.client, pose, names, yaws, [shapes.USUAL_CUT] * len(names))
+    board, holes = assembling_kits.add_full_kit(build.client, pose, names, yaws, [shapes.USUAL_FORM] * len(names))
     build.scene.name([board], -1, "kit")
     build.scene.ground.add(board.id)
     for hole, name, spot, yaw in zip(holes, names, assembling_kits.SPOTS, yaws, strict=True):

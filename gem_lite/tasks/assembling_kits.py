@@ -13,7 +13,7 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import USUAL_CUT, Body, Cut
+from gem_lite.simulation.bodies.shapes import USUAL_FORM, Body, PieceForm
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal, PoseMetric
 from gem_lite.tasks.packing_shapes import grasp_point, is_symmetric, piece_symmetry
@@ -37,20 +37,20 @@ PIECE_RADIUS = 0.042
 
 
 @lru_cache(maxsize=256)
-def hole_mesh(shape: str, cut: Cut = USUAL_CUT) -> trimesh.Trimesh:
+def hole_mesh(shape: str, form: PieceForm = USUAL_FORM) -> trimesh.Trimesh:
     """The print of a hole: the outline of a piece, `PRINT` thick."""
-    return trimesh.creation.extrude_polygon(shapes.outline(shape, cut), PRINT)
+    return trimesh.creation.extrude_polygon(shapes.outline(shape, form), PRINT)
 
 
 def add_full_kit(
-    client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float], cuts: Sequence[Cut]
+    client: int, pose: Pose2, pieces: Sequence[str], yaws: Sequence[float], forms: Sequence[PieceForm]
 ) -> tuple[Body, list[Body]]:  # fmt: skip
     """Put a fixed board with one hole for each of five pieces on the table. Other bodies do not touch the holes.
 
     Args:
         pieces: the names of the five shapes.
         yaws: the yaw (radians) of each hole in the world.
-        cuts: the form of each shape.
+        forms: the form of each shape.
 
     Returns:
         The board and its holes.
@@ -60,10 +60,10 @@ def add_full_kit(
     """
     board = shapes.add_box(client, KIT_SIZE, colors.rgba("brown"), pose, movable=False)
     holes = []
-    for shape, spot, yaw, cut in zip(pieces, SPOTS, yaws, cuts, strict=True):
+    for shape, spot, yaw, form in zip(pieces, SPOTS, yaws, forms, strict=True):
         place = pose @ spot
         at = Pose2(place.x, place.y, yaw)
-        holes.append(shapes.add_print(client, hole_mesh(shape, cut), HOLE_COLOR, at, KIT_SIZE[2]))
+        holes.append(shapes.add_print(client, hole_mesh(shape, form), HOLE_COLOR, at, KIT_SIZE[2]))
     return board, holes
 
 
@@ -110,9 +110,9 @@ class AssemblingKits(Task):
         count = len(SPOTS)
         names = [str(name) for name in rng.choice(self.shapes, count)]
         yaws = rng.uniform(-math.pi, math.pi, count).tolist()
-        cut_of = {name: free.cut(symmetric=is_symmetric(name)) for name in sorted(set(names))}
-        cuts = [cut_of[name] for name in names]
-        board, holes = add_full_kit(environment.client, kit_pose, names, yaws, cuts)
+        form_of = {name: free.piece_form(symmetric=is_symmetric(name)) for name in sorted(set(names))}
+        forms = [form_of[name] for name in names]
+        board, holes = add_full_kit(environment.client, kit_pose, names, yaws, forms)
         self.put(environment, board, "kit")
         for hole, name in zip(holes, names, strict=True):
             self.put(environment, hole, f"{name} hole")
@@ -122,8 +122,8 @@ class AssemblingKits(Task):
         for number in rng.permutation(count):
             name = names[number]
             color = self.named_colors[number]
-            mesh = shapes.piece_mesh(name, cuts[number])
-            pose = free.take(PIECE_RADIUS * max(1.0, *cuts[number].stretch))
+            mesh = shapes.piece_mesh(name, forms[number])
+            pose = free.take(PIECE_RADIUS * max(1.0, *forms[number].stretch))
             piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
             self.put(environment, piece, f"{color} {name}")
             twins = [place for i, place in enumerate(places) if i != number and names[i] == name]
@@ -131,7 +131,7 @@ class AssemblingKits(Task):
             symmetry = piece_symmetry(name)
             metric = PoseMetric(TOLERANCE, symmetry, YAW_TOLERANCE)
             sentence = f"put the {color} {name} in the {where}"
-            grasp = Pose2(*grasp_point(name, cuts[number]))
+            grasp = Pose2(*grasp_point(name, forms[number]))
             # The tool holds a ring off its centre, so a round piece must keep its yaw.
             goal = Goal(sentence, (piece,), (holes[number],), metric, 1.0, grasp, symmetry, rotations=symmetry > 0)
             goals.append(goal)

@@ -13,7 +13,7 @@ from typing_extensions import override
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
-from gem_lite.simulation.bodies.shapes import USUAL_CUT, Cut
+from gem_lite.simulation.bodies.shapes import USUAL_FORM, PieceForm
 from gem_lite.simulation.environment import Environment
 from gem_lite.tasks.goals import Goal
 from gem_lite.tasks.registry import register
@@ -46,17 +46,17 @@ class PackingShapes(Task):
         box, zone = put_brown_box(self, environment, rng, free, BOX_SIDES)
         shape_names = shapes.UNSEEN_SHAPES if self.unseen else shapes.SEEN_SHAPES
         piece_shapes = draw(rng, shape_names, PIECES)
-        pieces, cuts = [], []
+        pieces, forms = [], []
         for shape, color in zip(piece_shapes, draw(rng, self.palette, PIECES), strict=True):
-            cut = free.cut(symmetric=is_symmetric(shape))
-            cuts.append(cut)
-            mesh = shapes.piece_mesh(shape, cut)
+            form = free.piece_form(symmetric=is_symmetric(shape))
+            forms.append(form)
+            mesh = shapes.piece_mesh(shape, form)
             pose = free.take(float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()))
             piece = shapes.add_mesh(environment.client, mesh, colors.rgba(color), pose)
             pieces.append(self.put(environment, piece, f"{color} {shape}"))
         named = piece_shapes[0]
         sentence = f"pack the {named} in the brown box"
-        grasp = Pose2(*grasp_point(named, cuts[0]))
+        grasp = Pose2(*grasp_point(named, forms[0]))
         return [Goal(sentence, (pieces[0],), (box,), zone, 1.0, grasp, piece_symmetry(named))]
 
 
@@ -71,12 +71,12 @@ def is_symmetric(shape: str) -> bool:
 
 
 @lru_cache(maxsize=256)
-def grasp_point(shape: str, cut: Cut = USUAL_CUT) -> tuple[float, float]:
+def grasp_point(shape: str, form: PieceForm = USUAL_FORM) -> tuple[float, float]:
     """The point of the material that is nearest to a piece's centre (m, in the piece's frame).
 
     A ring and many letters have no material in the middle. The tool could still grasp them there, because contact
     uses the convex hull; a real tool could not.
     """
-    solid = shapes.outline(shape, cut).buffer(-0.004)
+    solid = shapes.outline(shape, form).buffer(-0.004)
     point = nearest_points(solid, Point(0, 0))[0]
     return point.x, point.y

@@ -10,7 +10,7 @@ import numpy as np
 from gem_lite.foundations import colors
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies import trays
-from gem_lite.simulation.bodies.shapes import Body, Cut
+from gem_lite.simulation.bodies.shapes import Body, PieceForm
 from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.looks import HOME, Look
 from gem_lite.tasks.goals import ZoneMetric
@@ -67,11 +67,11 @@ class FreeSpace:
         low, high = self._style.stretch
         return float(self._choices.uniform(low, high))
 
-    def cut(self, symmetric: bool) -> Cut:
+    def piece_form(self, symmetric: bool) -> PieceForm:
         """A random form of a flat piece; a ``symmetric`` one, as `packing_shapes.is_symmetric` says, stays so."""
         along_x, along_y = self.factor(), self.factor()
         fonts = self._style.fonts
-        return Cut((along_x, along_x if symmetric else along_y), fonts[self.choose(len(fonts))])
+        return PieceForm((along_x, along_x if symmetric else along_y), fonts[self.choose(len(fonts))])
 
     def take(self, radius: float, side: float | None = None) -> Pose2:
         """A free pose as from `sample`. Raises TableFullError if there is none."""

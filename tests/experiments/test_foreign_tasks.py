@@ -1,6 +1,7 @@
 """Four tasks on the table of another simulator: what lies there, what counts, and that an expert wins."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from experiments.foreign_tasks import bodies, families, playing
 from experiments.foreign_tasks.__main__ import APP
 from experiments.foreign_tasks.families import FAMILIES
 from experiments.foreign_tasks.table import TaskTable
-from gem_lite import clip
+from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.cli import base
 from gem_lite.evaluation import results
@@ -21,6 +22,7 @@ from gem_lite.language import parse
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
+from gem_lite.simulation.world import World
 
 PLACED = [name for name in FAMILIES if name != "separating-piles"]
 
@@ -148,3 +150,24 @@ def test_the_cup_holds_what_is_below_its_rim(beside, held):
 def test_its_fonts_are_in_no_demonstration():
     demonstrated = {font for name in looks.names() for font in looks.style(name).fonts}
     assert demonstrated.isdisjoint(family for family, _ in bodies.FONTS)
+
+
+def forms(goals):
+    """The sentences of goals, without the names of colours and shapes and the words for the place of a hole."""
+    names = "|".join(sorted((*shapes.SEEN_SHAPES, *shapes.UNSEEN_SHAPES), key=len, reverse=True))
+    of_colors = "|".join(colors.RGB)
+    without = [re.sub(rf"\b({of_colors})\b", "COLOR", re.sub(names, "SHAPE", goal.sentence)) for goal in goals]
+    return {re.sub(r"\b(left|right|top|bottom|middle) (?=SHAPE hole)", "", sentence) for sentence in without}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_its_sentences_are_those_of_the_library(family):
+    (name,) = (
+        name for name in tasks.PAPER if name.startswith(family) and name.endswith("seen-colors") and "un" not in name
+    )
+    ours = tasks.make(name, "val")
+    with World() as world:
+        world.begin(ours, 0)
+    task, _ = laid(family, 0)
+    assert forms(task.goals) == forms(ours.goals)
+    assert len(task.goals) == len(ours.goals)

@@ -101,7 +101,7 @@ FONT = "DejaVu Sans"
 
 
 @dataclass(frozen=True)
-class Cut:
+class PieceForm:
     """The form of a flat piece, besides its name.
 
     Attributes:
@@ -113,7 +113,7 @@ class Cut:
     font: str = FONT
 
 
-USUAL_CUT = Cut()
+USUAL_FORM = PieceForm()
 
 
 def letter_outline(letter: str, height: float = PIECE_SIZE, font: str = FONT) -> Polygon:
@@ -128,15 +128,15 @@ def letter_outline(letter: str, height: float = PIECE_SIZE, font: str = FONT) ->
     return affinity.scale(affinity.translate(shape, -(x0 + x1) / 2, -(y0 + y1) / 2), factor, factor, origin=(0, 0))
 
 
-def outline(name: str, cut: Cut = USUAL_CUT) -> Polygon:
+def outline(name: str, form: PieceForm = USUAL_FORM) -> Polygon:
     """The outline (metres, centred) of a flat piece, by its name in a sentence.
 
     The pieces are CLIPort's 20 kitting shapes, and any other "letter X shape" or "digit 4 shape".
     """
     if name.startswith(("letter ", "digit ")) and name.endswith(" shape"):
-        return affinity.scale(letter_outline(name.split()[1], font=cut.font), *cut.stretch, origin=(0, 0))
+        return affinity.scale(letter_outline(name.split()[1], font=form.font), *form.stretch, origin=(0, 0))
     if name in _OUTLINES:
-        return affinity.scale(_OUTLINES[name], *cut.stretch, origin=(0, 0))
+        return affinity.scale(_OUTLINES[name], *form.stretch, origin=(0, 0))
     raise ValueError(f"no outline is named {name!r}; the names are {', '.join(SEEN_SHAPES + UNSEEN_SHAPES)}")
 
 
@@ -148,9 +148,9 @@ UNSEEN_SHAPES = ("letter E shape", "letter L shape", "ring", "hexagon", "heart",
 
 
 @lru_cache(maxsize=256)
-def piece_mesh(name: str, cut: Cut = USUAL_CUT) -> trimesh.Trimesh:
+def piece_mesh(name: str, form: PieceForm = USUAL_FORM) -> trimesh.Trimesh:
     """A kitting shape as a 20 mm thick piece."""
-    return trimesh.creation.extrude_polygon(outline(name, cut), PIECE_HEIGHT)
+    return trimesh.creation.extrude_polygon(outline(name, form), PIECE_HEIGHT)
 
 
 @cache
