@@ -162,9 +162,7 @@ def forms(goals):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_its_sentences_are_those_of_the_library(family):
-    (name,) = (
-        name for name in tasks.PAPER if name.startswith(family) and name.endswith("seen-colors") and "un" not in name
-    )
+    (name,) = (name for name in tasks.PAPER if name.startswith(family) and name.endswith("-seen-colors"))
     ours = tasks.make(name, "val")
     with World() as world:
         world.begin(ours, 0)
