@@ -67,7 +67,7 @@ def to_assignment(lesson: nbformat.NotebookNode) -> nbformat.NotebookNode:
     for number, (exercise, check, solution) in enumerate(zip(exercises, checks, solutions, strict=True), start=1):
         solved, checked = SOLVED.search(solution.source), CHECKED.search(check.source)
         if not solved or not checked:
-            raise ValueError(f"lesson: exercise {number} has no print(check_...(answer)) or no assert check_...(answer)")
+            raise ValueError(f"lesson: exercise {number} needs print(check_x(answer)), and an assert with check_x")
         definitions = solution.source[: solved.start()].strip()
         exercise.source += f"\n\n\n### BEGIN SOLUTION\n{definitions}\n\n\n{checked[2]} = {solved[1]}\n### END SOLUTION"
         mark(exercise, f"exercise-{number}", solution=True)

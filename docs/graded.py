@@ -19,7 +19,7 @@ import nbformat
 
 from docs import course
 
-LESSONS = ("00_quickstart", "13_words_and_plans")
+LESSONS = ("00_quickstart", "01_tabletop_world")
 SOLVED, EMPTY = "solved", "empty"
 """The two students."""
 

@@ -1,28 +1,20 @@
 """The students' edition of the lessons."""
 
-import importlib.util
-from pathlib import Path
-
 import nbformat
 import pytest
 
-ROOT = Path(__file__).parent.parent
-LESSONS = ROOT / "notebooks"
+from docs import handouts
+from docs.course import tagged
+
+LESSONS = handouts.LESSONS
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The handouts of all lessons."""
-    spec = importlib.util.spec_from_file_location("handouts", ROOT / "docs" / "handouts.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     new = tmp_path_factory.mktemp("handouts") / "new"
-    module.write(new)
+    handouts.write(new)
     return new
-
-
-def tagged(notebook, tag):
-    return [cell.source for cell in notebook.cells if tag in cell.metadata.get("tags", [])]
 
 
 def test_exercises_hints_and_questions_stay_and_solutions_and_answers_go(folder):
