@@ -22,19 +22,21 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test twice lint check fuzz wheel book handouts check-python clean
+.PHONY: help setup demo lab test texts twice lint check fuzz wheel book handouts graded check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
 	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
+	@echo "make texts  the same, and each text that a lesson prints is compared with the stored one (before a release)"
 	@echo "make twice  set up, then run every lesson twice in one kernel (twenty minutes)"
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make wheel  set up, then build the package with its models into dist/"
 	@echo "make book   set up, then build the lessons, docs/ and the library's pages as a site into build/book (two minutes)"
-	@echo "make handouts  set up, then write the lessons without solutions into build/handouts"
+	@echo "make handouts  set up, then write the lessons without solutions into build/handouts, for nbgrader into build/course"
+	@echo "make graded  set up, then let nbgrader score two lessons, once solved and once empty (some minutes)"
 	@echo "make clean  remove $(VENV), build/, dist/ and caches; your policies and rows in runs/ stay"
 
 check-python:
@@ -85,10 +87,13 @@ lab: $(READY)
 # JUNIT: a folder for the report that forges read.
 WORKERS ?= 2
 LESSONS := $(shell ls -r notebooks/*.ipynb)
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --nbval-lax --numprocesses=$(WORKERS) --dist=loadfile \
+# Texts that are the same on every machine have the tag nbval-check-output. All others are compared by `make texts` only.
+COMPARED := --nbval-lax
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(COMPARED) --numprocesses=$(WORKERS) --dist=loadfile \
   --no-loadscope-reorder --max-worker-restart=0
 
-test: lint
+texts: COMPARED := --nbval
+test texts: lint
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
 	@$(PYTEST) $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
 
@@ -125,7 +130,18 @@ book: $(READY_FOR_BOOK)
 	@echo "built; open build/book/docs/index.html"
 
 handouts: $(READY)
-	@$(BIN)/python docs/handouts.py
+	@$(BIN)/python -m docs.handouts
+	@$(BIN)/python -m docs.course
+
+# nbgrader is installed beside the rest. It calls a program that lies in $(BIN).
+READY_FOR_GRADING := $(VENV)/ready-for-grading
+$(READY_FOR_GRADING): docs/grading.txt $(READY)
+	@echo "Installing nbgrader ..."
+	@$(PIP) -r docs/grading.txt || $(NOT_INSTALLED)
+	@touch $(READY_FOR_GRADING)
+
+graded: $(READY_FOR_GRADING)
+	@$(BIN)/python -m docs.graded
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache *.egg-info
