@@ -27,7 +27,7 @@ SOLVED, EMPTY = "solved", "empty"
 def nbgrader(folder: Path, *words: str) -> None:
     """Run a command of nbgrader in a course's folder. It calls alembic, which lies beside this Python."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    command = [sys.executable, "-m", "nbgrader", *words, "--log-level=WARN"]
+    command = [sys.executable, "-Wignore", "-m", "nbgrader", *words, "--log-level=WARN"]
     subprocess.run(command, cwd=folder, env=os.environ | {"PATH": path}, check=True)
 
 
