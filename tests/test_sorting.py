@@ -207,7 +207,7 @@ def test_a_tag_on_the_table_gives_the_cameras_pose_and_is_drawn(begun):
     with pytest.raises(tags.LocalisationError, match="tag 500 is not in the picture"):
         tags.camera_in_table(view.rgb, view.camera.matrix, 500, begun.tag)
     away = np.ones(MOBILE.workspace.shape)
-    fig = plot_mobile.show_localisation(view, tags.find_tags(view.rgb)[0], away, MOBILE.workspace)
+    fig = plot_mobile.show_localisation(view, tags.find_tags(view.rgb)[0], away, MOBILE.workspace, begun.tag)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)
     assert plot_mobile.photograph(begun).shape == (480, 640, 3)
 
@@ -222,12 +222,3 @@ def test_curves_are_drawn():
     assert [drawn.lines[0].get_ydata()[0] for drawn in fig.axes[2].containers] == [90, 86]
     ends = [drawn.lines[2][0].get_segments()[0][:, 1].tolist() for drawn in fig.axes[2].containers]
     assert ends == [[80, 95], [76, 91]]
-
-
-def test_widths_are_drawn_in_millimetres_with_intervals():
-    cells = {name: Score(np.zeros((1, 4)), mean, (10, 95), None, (0, 1, 2, 3)) for name, mean in (("a", 20), ("b", 90))}
-    ax = plot_mobile.show_widths({"a": 0.02, "b": 0.08}, cells, ["a"]).axes[0]
-    drawn = ax.containers[0]
-    assert drawn.lines[0].get_xydata().tolist() == [[20, 20], [80, 90]]
-    assert [segment[:, 1].tolist() for segment in drawn.lines[2][0].get_segments()] == [[10, 95], [10, 95]]
-    assert [text.get_text() for text in ax.texts] == ["a"]

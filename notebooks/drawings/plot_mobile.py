@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from summaries import Score
 
-from gem_lite.drawing.plots import MAP_COLORS, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare, draw_gripper
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare, draw_gripper
 from gem_lite.policies.choosing import TablesChoice, stitch
 from gem_lite.rgbd.camera import View, camera_looking_at
 from gem_lite.rgbd.heightmap import HeightMap
@@ -79,18 +79,22 @@ def show_stitched(choice: TablesChoice, clip_name: str) -> Figure:
     return fig
 
 
-def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspace: Workspace) -> Figure:
+def show_localisation(view: View, corners: np.ndarray, away: np.ndarray, workspace: Workspace, tag: Pose2) -> Figure:
     """The body camera's picture with a tag's corners (4, 2), and the error ``away`` (H, W) of each point (mm)."""
     fig, axes = plt.subplots(1, 2, figsize=(8.4, 3.8), width_ratios=(2, 1), layout="constrained")
     bare(axes[0], "body camera; the tag's corners as found").imshow(view.rgb)
     axes[0].plot(*np.concatenate([corners, corners[:1]]).T, color="#00e5ff", lw=1.5)
-    for number, (x, y) in enumerate(corners):
-        axes[0].text(x, y, str(number), color="#e69f00", fontsize=11, fontweight="bold")
+    for number, (x, y) in enumerate(corners + 0.3 * (corners - corners.mean(axis=0))):  # beside the corner
+        axes[0].text(
+            x, y, str(number), color="#e69f00", fontsize=11, fontweight="bold", ha="center", va="center",
+            path_effects=OUTLINE,
+        )  # fmt: skip
     extent = (workspace.x_min, workspace.x_max, workspace.y_min, workspace.y_max)
     error_image = axes[1].imshow(away, cmap="magma", extent=extent, vmin=0)
-    axes[1].text(workspace.x_max, (workspace.y_min + workspace.y_max) / 2, " tag", rotation=90, va="center")
-    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="how far off a point of the table is thought to be")
-    axes[1].title.set_fontsize(9)
+    axes[1].plot(tag.x, tag.y, "s", ms=9, mfc="white", mec="black", mew=3)
+    axes[1].text(tag.x, tag.y + 0.06, "tag", ha="center")
+    axes[1].set(xlabel="x (m)", ylabel="y (m)", xlim=(workspace.x_min, tag.x + 0.08))
+    axes[1].set_title("error of each point of the table", fontsize=9)
     fig.colorbar(error_image, ax=axes[1], label="mm off")
     return fig
 
@@ -166,19 +170,6 @@ def draw_wrong_pose(
     axes[1].set(xlabel=label, ylabel="success (0-100)", xlim=(-0.2, largest + 0.2))
     axes[1].set_title("stored: an earlier policy, random directions", fontsize=9)
     axes[1].legend(fontsize=8, loc="lower left")
-    return fig
-
-
-def show_widths(widths: dict[str, float], scores: dict[str, Score], named: Sequence[str], title: str = "") -> Figure:
-    """Success by object against its narrow side (m) seen from above, with 95 % intervals; ``named`` are labelled."""
-    fig, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
-    at = 1000 * np.array([widths[name] for name in scores])
-    _draw_scores(ax, at, list(scores.values()), "o")
-    for x, (name, score) in zip(at, scores.items(), strict=True):
-        if name in named:
-            ax.annotate(name, (x, score.mean), (4, -11), textcoords="offset points", fontsize=8)
-    ax.set(xlabel="narrow side of the object (mm)", ylabel="success (0-100)")
-    fig.suptitle(title, fontsize=10)
     return fig
 
 

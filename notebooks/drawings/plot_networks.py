@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
-from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR
+from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR
 
 LEARNED, FIXED = "#fbe3c0", "#dcecf7"
 """Boxes with weights that GEM learns (light orange), and without (light blue)."""
@@ -211,6 +211,90 @@ def show_pick_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[i
     at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, 6.1 - (row + 0.5 - rows / 2) * 1.9 / rows)
     ax.plot(*at, "o", ms=13, mfc="none", mec=PICK_COLOR, mew=1.6, path_effects=OUTLINE)
     ax.text(12.5, 7.4, "pick: $(u, v, \\theta)$", fontsize=10, ha="center", va="center")
+    _legend(ax, (0.15, 0.15))
+    return fig
+
+
+def show_place_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[int], channels: int) -> Figure:
+    """GEM's place after Figure A3 of the paper: as the pick, but its kernel is made of the crop at the pick.
+
+    Args:
+        maps: "colour" (H, W, 3); "height", "raw map", "M", "A", "A ⊗ M" (H, W), one channel of each; "crop" (h, h, 3),
+            its colours; "kernel" (h, h); "scores" (R, H, W).
+        words: how many numbers a phrase has.
+        widths: channels of the U-Net's levels, from the picture to the bottleneck.
+        channels: of the generator's inner layers, regular fields of C_8.
+    """
+    rows, cols = maps["height"].shape
+    side, angles = maps["kernel"].shape[0], len(maps["scores"])
+    picture, kernel = f"{rows}, {cols}", f"{side}, {side}"
+    fig, ax = _canvas(13.3, 8.0)
+    titles = (
+        "encoder A: a U-Net",
+        "semantic extractor: the gate M",
+        "kernel of the crop: four layers of e2cnn, which turn with the crop",
+    )
+    for title, y in zip(titles, (7.82, 4.6, 2.2), strict=True):
+        ax.text(2.05, y, title, fontsize=11, fontweight="bold", va="center")
+
+    _picture(ax, maps["colour"], (0.6, 6.45), 1.6, "o: colour")
+    _picture(ax, maps["height"], (1.5, 6.45), 1.6, "o: height")
+    _arrow(ax, (1.95, 6.45), (2.95, 6.45), f"(4, {picture})")
+    neck = _u_net(ax, (3.0, 6.45), 4.0, widths, (rows, cols))
+    _arrow(ax, (6.9, 6.45), (8.05, 6.45), f"(3, {picture})")
+    _picture(ax, maps["A"], (8.5, 6.45), 1.6, "A", signed=True)
+    _box(ax, (0.15, 4.85), 1.9, 0.6, "place phrase: CLIP's\nembedding, location words", FIXED)
+    _line(ax, (2.05, 5.15), (neck[0], 5.15))
+    _arrow(ax, (neck[0], 5.15), neck)
+    ax.text(2.5, 5.21, f"words ({words},)", fontsize=8, ha="center", va="bottom")
+
+    _picture(ax, maps["raw map"], (0.6, 3.4), 1.6, "raw map (Eq. 1-4)")
+    _arrow(ax, (1.05, 3.2), (5.4, 3.2), f"(1, {picture})", at=0.3)
+    _line(ax, (1.5, 5.65), (1.5, 5.45))
+    _line(ax, (1.5, 4.85), (1.5, 3.8))
+    _arrow(ax, (1.5, 3.8), (5.4, 3.8), f"height (1, {picture})", at=0.22)
+    _box(ax, (5.4, 2.9), 1.7, 1.15, "refiner $f_\\theta$ (Eq. 4),\nas in the pick", LEARNED)
+    _arrow(ax, (7.1, 3.4), (8.05, 3.4), f"(3, {picture})")
+    _picture(ax, maps["M"], (8.5, 3.4), 1.6, "M", signed=True)
+
+    _picture(ax, maps["crop"], (0.7, 1.2), 1.1, "c: crop at the pick")
+    layers = ("5 trivial\n→ regular", "regular\n→ regular", "regular\n→ regular", "regular\n→ 3 trivial")
+    start, passed = 1.25, f"(5, {kernel})"
+    for layer in layers:
+        _arrow(ax, (start, 1.2), (start + 0.78, 1.2), passed)
+        _box(ax, (start + 0.78, 0.85), 0.8, 0.7, layer, LEARNED)
+        start, passed = start + 1.58, f"({channels}, {kernel})"
+    _arrow(ax, (start, 1.2), (8.3, 1.2), f"(3, {kernel})")
+    _picture(ax, maps["kernel"], (8.75, 1.2), 0.9, "ψ(c)", signed=True)
+    _arrow(ax, (9.2, 1.2), (9.5, 1.2))
+    _box(ax, (9.5, 0.75), 1.4, 0.9, "lift: turn it 180 times;\nFourier transform\nover the turns", FIXED)
+
+    _line(ax, (8.95, 6.45), (9.5, 6.45))
+    _arrow(ax, (9.5, 6.45), (9.5, 5.2))
+    _line(ax, (8.95, 3.4), (9.5, 3.4))
+    _arrow(ax, (9.5, 3.4), (9.5, 4.7))
+    _sign(ax, (9.5, 4.95), "⊗")
+    _arrow(ax, (9.75, 4.95), (10.1, 4.95))
+    _picture(ax, maps["A ⊗ M"], (10.52, 4.95), 1.6, "φ = A ⊗ M", signed=True)
+    ax.text(10.52, 4.08, f"(3, {picture})", fontsize=8, ha="center", va="top")
+    _line(ax, (10.94, 4.95), (11.5, 4.95))
+    _arrow(ax, (11.5, 4.95), (11.5, 3.35))
+    _sign(ax, (11.5, 3.1), "★")
+    _line(ax, (10.9, 1.2), (11.5, 1.2))
+    _arrow(ax, (11.5, 1.2), (11.5, 2.85))
+    ax.text(11.58, 1.9, f"$c_0$ ... $c_8$\n(9, 3, {kernel})", fontsize=8, va="center")
+    _line(ax, (11.75, 3.1), (12.5, 3.1))
+    _arrow(ax, (12.5, 3.1), (12.5, 3.75))
+    ax.text(11.9, 3.0, f"$C_0$ ... $C_8$\n(9, {picture})", fontsize=8, va="top")
+    _box(ax, (11.8, 3.75), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
+    _arrow(ax, (12.5, 4.65), (12.5, 5.4))
+    ax.text(12.57, 4.97, f"({angles}, {picture})", fontsize=8, va="center")
+    best_angle = maps["scores"].max(axis=0)
+    _picture(ax, best_angle, (12.5, 6.4), 1.9, "score, best angle")
+    row, col = np.unravel_index(int(best_angle.argmax()), best_angle.shape)
+    at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, 6.4 - (row + 0.5 - rows / 2) * 1.9 / rows)
+    ax.plot(*at, "s", ms=13, mfc="none", mec=PLACE_COLOR, mew=1.6, path_effects=OUTLINE)
+    ax.text(12.5, 7.7, "place: $(u, v, \\Delta)$", fontsize=10, ha="center", va="center")
     _legend(ax, (0.15, 0.15))
     return fig
 

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from drawings.plot_kernels import SIGNED
-from drawings.plot_shared import action_map, to_picture
+from drawings.plot_shared import to_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -19,40 +19,23 @@ from gem_lite.policies.inputs import HEIGHT_SCALE, RGBD
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
-DIMMED = 0.65
-"""A table below grippers is drawn at this part of its brightness, so that the grippers stand out from its bodies."""
-
 
 @dataclass(frozen=True)
 class ActionColumn:
-    """A column of `show_actions`: a titled table from above, an action, and the place logits (R, H, W), if any."""
+    """A column of `show_actions`: a titled table from above, and an action."""
 
     title: str
     heightmap: HeightMap
     action: PickPlace
-    logits: np.ndarray | None = None
 
 
 def show_actions(columns: Sequence[ActionColumn], suptitle: str = "", width: float = 1.75) -> Figure:
-    """Tables side by side with pick (cyan) and place (orange). Action maps are below, if the columns have logits."""
-    has_maps = columns[0].logits is not None
-    maps = [action_map(column.logits) for column in columns] if has_maps else []
-    low = min((float(np.percentile(scores, 1)) for scores in maps), default=0.0)
+    """Tables side by side with pick (cyan) and place (orange)."""
     fig, axes = plt.subplots(
-        1 + has_maps, len(columns),
-        figsize=(width * len(columns) + 0.8 * has_maps, 2 * width * (1 + has_maps) + 0.9),
-        squeeze=False, layout="compressed",
-    )  # fmt: skip
-    for i, (panels, column) in enumerate(zip(axes.T, columns, strict=True)):
-        w = column.heightmap.workspace
-        _draw_action(panels[0], column)
-        if has_maps:
-            map_image = bare(panels[1]).imshow(maps[i], cmap="viridis", vmin=low, vmax=0)
-            row, col = w.to_pixel(column.action.place.x, column.action.place.y)
-            panels[1].plot(col, row, "s", ms=11, mfc="none", mec=PLACE_COLOR, mew=1.5)
-            panels[1].set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
-    if has_maps:
-        fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="logit - best logit")
+        1, len(columns), figsize=(width * len(columns), 2 * width + 0.9), squeeze=False, layout="compressed"
+    )
+    for ax, column in zip(axes[0], columns, strict=True):
+        _draw_action(ax, column)
     fig.suptitle(suptitle, fontsize=10)
     return fig
 
@@ -114,9 +97,9 @@ def show_correlation(
 
 
 def _draw_action(ax: Axes, column: ActionColumn) -> None:
-    """A titled table from above, `DIMMED`, with the grippers of an action."""
+    """A titled table from above with the grippers of an action. It is drawn brighter than it is."""
     w = column.heightmap.workspace
-    bare(ax, column.title).imshow(DIMMED * column.heightmap.rgb / 255)
+    bare(ax, column.title).imshow((column.heightmap.rgb / 255) ** 0.5)
     draw_gripper(ax, column.action.pick, w, PICK_COLOR, "pick")
     draw_gripper(ax, column.action.place, w, PLACE_COLOR, "place")
     ax.set(xlim=(-0.5, w.shape[1] - 0.5), ylim=(w.shape[0] - 0.5, -0.5))
