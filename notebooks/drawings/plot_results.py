@@ -157,7 +157,7 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 2) -> 
     """A gallery: the scene with pick and place beside both action maps, the reason underneath.
 
     A ring marks the pick, a square the place; the line at each points along the tool's yaw. Action maps lie over a
-    pale picture of the scene: the brighter a cell, the higher its probability (`action_share`).
+    gray picture of the scene: the brighter a cell, the higher its probability (`action_share`).
     """
     rows = -(-len(failures) // columns)
     fig = plt.figure(figsize=(3.6 * columns + 0.8, 3.3 * rows), layout="constrained")
@@ -181,14 +181,14 @@ def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 2) -> 
 
 
 def _draw_shares(ax: Axes, choice: Choice, logits: np.ndarray) -> None:
-    """An action map over a pale picture of its scene: it covers the picture where the probability is high.
+    """An action map over a gray picture of its scene: it covers the picture where the probability is high.
 
     A cell shows the largest share within one cell of it, so that a single best cell is seen.
     """
     share = maximum_filter(action_share(logits), size=3)
     cover = np.minimum(1.0, 4 * share)[..., None]
-    pale = 0.6 + 0.4 * choice.heightmap.rgb.mean(axis=2, keepdims=True) / 255
-    ax.imshow(cover * plt.get_cmap(MAP_COLORS)(share)[..., :3] + (1 - cover) * pale)
+    gray = 0.35 + 0.35 * choice.heightmap.rgb.mean(axis=2, keepdims=True) / 255
+    ax.imshow(cover * plt.get_cmap(MAP_COLORS)(share)[..., :3] + (1 - cover) * gray)
 
 
 def _ring(ax: Axes, pose: Pose2, workspace: Workspace, color: str, mark: str) -> None:

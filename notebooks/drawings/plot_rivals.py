@@ -22,7 +22,15 @@ GREY = "0.6"
 def show_rivals(transporter: Shapes, cliport: Shapes) -> Figure:
     """Transporter-Lan's pick, CLIPort's pick, and the place, which both make in the same way."""
     fig, axes = plt.subplots(3, 1, figsize=(10.2, 12.4), height_ratios=(5.4, 5.9, 2.2), layout="constrained")
-    for ax, title in zip(axes, ("Transporter-Lan: pick", "CLIPort: pick", "both: place"), strict=True):
+    for ax, title in zip(
+        axes,
+        (
+            "Transporter-Lan: pick",
+            "CLIPort: pick",
+            "both: place (CLIPort: with the features of CLIP and the words as above)",
+        ),
+        strict=True,
+    ):
         ax.set_title(title, loc="left", fontweight="bold")
         bare(ax, "").spines[:].set_visible(False)
     _draw_transporter(axes[0], transporter)
