@@ -7,11 +7,13 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawings.plot_shared import LEAST_LOGIT, action_map, to_picture
+from drawings.plot_shared import SHARE_LABEL, action_share, to_picture
 from failures import Failure
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch
+from scipy.ndimage import maximum_filter
 from summaries import Score
 
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, SAFE_COLORS, bare
@@ -64,27 +66,6 @@ TASK_NAMES = {
 METHOD_COLORS = dict(zip(METHOD_NAMES, SAFE_COLORS, strict=False))
 METHOD_COLORS |= {METHOD_NAMES[name]: color for name, color in METHOD_COLORS.items()}
 """A method's colour in every figure, by its name in the library and in figures."""
-BOXES = {
-    "GEM": (
-        (("RGB-D from above", 1, 0), ("semantic map of the phrase,\nby CLIP, from all views", 0, 0),
-         ("pick: words\nplace: crop at the pick", 2, 0)),
-        (("map, refined: it gates", 0, 1), ("U-Net with the words", 1, 1), ("kernel network", 2, 1)),
-        "one kernel,\nsteered to 36 angles",
-    ),
-    "CLIPort": (
-        (("CLIP's features from above:\nlast and inner ones", 0, 0), ("RGB-D from above", 1, 0),
-         ("place: crop at the pick,\nturned 36 times", 2, 0)),
-        (("semantic stream,\ntimes words at three levels", 0, 1), ("spatial stream: U-Net", 1, 1),
-         ("both streams again", 2, 1)),
-        "pick: none (36 channels)\nplace: 36 crops' features",
-    ),
-    "Transporter-Lan": (
-        (("RGB-D from above", 1, 0), ("place: crop at the pick,\nturned 36 times", 2, 0)),
-        (("U-Net with the words", 1, 1), ("U-Net with the words", 2, 1)),
-        "pick: none (36 channels)\nplace: 36 crops' features",
-    ),
-}  # fmt: skip
-"""For each method: boxes of inputs and of networks (text, line, column), and the text of the kernel's box."""
 
 
 def readable(name: str) -> str:
@@ -96,61 +77,6 @@ def readable(name: str) -> str:
         if rest != name and (not rest or rest[1:] in ABLATION_NAMES):
             return METHOD_NAMES[method] + (f", {ABLATION_NAMES[rest[1:]]}" if rest else "")
     return name
-
-
-def show_boxes() -> Figure:
-    """Every method of `BOXES` as a group of rows: inputs, networks, kernel, scores. Grey is of the frozen CLIP."""
-    fig, axes = plt.subplots(len(BOXES), 1, figsize=(10.6, 7.6), layout="constrained")
-    for ax, (name, (inputs, networks, kernel)) in zip(axes, BOXES.items(), strict=True):
-        color = METHOD_COLORS[name]
-        bare(ax).set(xlim=(-0.5, 3.5), ylim=(2.5, -0.5))
-        ax.spines[:].set_visible(False)
-        ax.set_title(name, loc="left", color=color, fontweight="bold")
-        for text, line, _ in inputs:
-            _box(ax, 0, line, text, "0.6" if "CLIP" in text else "white", "black")
-            _arrow(ax, (0.42, line), (0.58, line))
-        for text, line, _ in networks:
-            _box(ax, 1, line, text, color, color)
-        _box(ax, 2, 2, kernel, "white", color)
-        _arrow(ax, (1.42, 2), (1.58, 2))
-        _box(ax, 3, 1, "scores of every action:\n36 angles x 160 x 80", "white", "black")
-        _arrow(ax, (1.42, 1), (2.58, 1))
-        ax.text(2.0, 0.86, "features", ha="center", fontsize=8)
-        _arrow(ax, (2.42, 2), (2.75, 1.42))
-        ax.text(2.72, 1.95, "correlate" + ("" if name == "GEM" else " (place)"), fontsize=8)
-        if all(line > 0 for _, line, _ in networks):
-            ax.text(0, 0, "no picture features of CLIP", fontsize=8, fontstyle="italic", ha="center", va="center")
-        elif name == "CLIPort":
-            _arrow(ax, (1.0, 0.64), (1.0, 0.36))
-            ax.text(1.05, 0.5, "joins at every level", fontsize=8, va="center")
-            _arrow(ax, (1.42, 0), (2.58, 0.76))
-            ax.text(1.75, 0.12, "features of both streams: their sum", fontsize=8)
-        else:
-            _arrow(ax, (1.0, 0.36), (1.0, 0.64))
-            ax.text(1.05, 0.5, "times", fontsize=8, va="center")
-    for column, title in enumerate(("inputs", "networks", "kernel", "scores")):
-        axes[0].text(column, -0.72, title, ha="center", fontsize=10, fontstyle="italic")
-    legend = (
-        "filled with colour: learned    grey: a picture or map of the frozen CLIP    "
-        "white: another input, a kernel or the result    words: CLIP's embedding of the phrase, frozen"
-    )
-    fig.supxlabel(legend, fontsize=8)
-    return fig
-
-
-def _box(ax: Axes, column: float, line: float, text: str, fill: str, edge: str) -> None:
-    """A box with a text in the middle; ``fill`` is made pale."""
-    shape = FancyBboxPatch((column - 0.4, line - 0.3), 0.8, 0.6, "round,pad=0.02,rounding_size=0.06")
-    shape.set(facecolor=fill, alpha=0.25, edgecolor="none")
-    ax.add_patch(shape)
-    outline = FancyBboxPatch((column - 0.4, line - 0.3), 0.8, 0.6, "round,pad=0.02,rounding_size=0.06")
-    outline.set(facecolor="none", edgecolor=edge, linewidth=1.2)
-    ax.add_patch(outline)
-    ax.text(column, line, text, ha="center", va="center", fontsize=8)
-
-
-def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], style: str = "->") -> None:
-    ax.annotate("", end, start, arrowprops={"arrowstyle": style, "lw": 1.2})
 
 
 def draw_learning(choices: dict[str, Choice], step: int) -> Figure:
@@ -167,8 +93,8 @@ def draw_learning(choices: dict[str, Choice], step: int) -> Figure:
             (2, "place", choice.place_logits, choice.place_cell, "s", PLACE_COLOR),
         ):
             ax = bare(axes[2 * number + column], f"{name}\n{role}")
-            ax.imshow(2 * np.round(action_map(logits) / 2), cmap=MAP_COLORS, vmin=-20, vmax=0)
-            ax.plot(col, row, mark, ms=9, mfc="none", mec=color, mew=2, path_effects=OUTLINE)
+            _draw_shares(ax, choice, logits)
+            ax.plot(col, row, mark, ms=11, mfc="none", mec=color, mew=1.4, path_effects=OUTLINE)
     return fig
 
 
@@ -197,7 +123,7 @@ def show_samples(samples: Sequence[Sample], titles: Sequence[str]) -> Figure:
     for (above, below), sample, title in zip(axes.T, samples, titles, strict=True):
         bare(above, title).imshow(to_picture(sample.rgbd))
         for (row, col), color, mark in ((sample.pick, PICK_COLOR, "o"), (sample.place, PLACE_COLOR, "s")):
-            above.plot(col, row, mark, mfc="none", mec=color, ms=9, mew=2, path_effects=OUTLINE)
+            above.plot(col, row, mark, mfc="none", mec=color, ms=15, mew=1.4, path_effects=OUTLINE)
         bare(below).imshow(sample.maps["pick"][0], cmap=MAP_COLORS, vmin=0, vmax=1)
     return fig
 
@@ -227,33 +153,42 @@ def show_dots(groups: dict[str, dict[str, Score]], title: str = "") -> Figure:
     return fig
 
 
-def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 4) -> Figure:
+def show_failures(failures: Sequence[tuple[str, Failure]], columns: int = 2) -> Figure:
     """A gallery: the scene with pick and place beside both action maps, the reason underneath.
 
     A ring marks the pick, a square the place; the line at each points along the tool's yaw. Action maps lie over a
-    dim picture of the scene, and only where a score is less than 20 below the best.
+    gray picture of the scene: the brighter a cell, the higher its probability (`action_share`).
     """
     rows = -(-len(failures) // columns)
-    fig = plt.figure(figsize=(3.1 * columns, 2.7 * rows), layout="constrained")
-    parts = fig.subfigures(rows, columns, squeeze=False).flat
-    for part, (title, failure) in zip(parts, failures, strict=False):  # the last row may be short
+    fig = plt.figure(figsize=(3.6 * columns + 0.8, 3.3 * rows), layout="constrained")
+    gallery, scale = fig.subfigures(1, 2, width_ratios=(3.6 * columns, 0.8))
+    for part, (title, failure) in zip(gallery.subfigures(rows, columns, squeeze=False).flat, failures, strict=False):
         trio = part.subplots(1, 3)
-        choice = failure.choice
-        workspace = choice.heightmap.workspace
-        trio[0].imshow(choice.heightmap.rgb)
-        _ring(trio[0], choice.action.pick, workspace, PICK_COLOR, "o")
-        _ring(trio[0], choice.action.place, workspace, PLACE_COLOR, "s")
-        trio[0].set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
-        dim = np.repeat(choice.heightmap.rgb.mean(axis=2, keepdims=True) / 400, 3, axis=2)
-        for ax, logits in zip(trio[1:], (choice.pick_logits, choice.place_logits), strict=True):
-            scores = action_map(logits)
-            ax.imshow(dim)
-            ax.imshow(scores, cmap=MAP_COLORS, vmin=LEAST_LOGIT, vmax=0, alpha=(scores > LEAST_LOGIT).astype(float))
+        action = failure.choice.action
+        trio[0].imshow(failure.choice.heightmap.rgb)
+        _draw_shares(trio[1], failure.choice, failure.choice.pick_logits)
+        _draw_shares(trio[2], failure.choice, failure.choice.place_logits)
+        _ring(trio[0], action.pick, failure.choice.heightmap.workspace, PICK_COLOR, "o")
+        _ring(trio[0], action.place, failure.choice.heightmap.workspace, PLACE_COLOR, "s")
+        height, width = failure.choice.heightmap.workspace.shape
         for ax, name in zip(trio, ("scene", "pick", "place"), strict=True):
-            bare(ax, name)
-        caption = [title, f'"{choice.instruction}"', *textwrap.wrap(failure.reason, 52)]
-        part.supxlabel("\n".join(caption), x=0.02, ha="left", fontsize=7.5)
+            bare(ax, name).set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+        caption = [title, f'"{failure.choice.instruction}"', *textwrap.wrap(failure.reason, 60)]
+        part.supxlabel("\n".join(caption), x=0.02, ha="left", fontsize=8)
+    bar = scale.colorbar(ScalarMappable(Normalize(0, 1), MAP_COLORS), cax=scale.add_axes((0.1, 0.3, 0.15, 0.45)))
+    bar.set_label(SHARE_LABEL, fontsize=8)
     return fig
+
+
+def _draw_shares(ax: Axes, choice: Choice, logits: np.ndarray) -> None:
+    """An action map over a gray picture of its scene: it covers the picture where the probability is high.
+
+    A cell shows the largest share within one cell of it, so that a single best cell is seen.
+    """
+    share = maximum_filter(action_share(logits), size=3)
+    cover = np.minimum(1.0, 4 * share)[..., None]
+    gray = 0.35 + 0.35 * choice.heightmap.rgb.mean(axis=2, keepdims=True) / 255
+    ax.imshow(cover * plt.get_cmap(MAP_COLORS)(share)[..., :3] + (1 - cover) * gray)
 
 
 def _ring(ax: Axes, pose: Pose2, workspace: Workspace, color: str, mark: str) -> None:
