@@ -52,6 +52,26 @@ def measure(
     playing.measure(checkpoint, family, episodes, split, results.output(False, out, "foreign-tasks"))
 
 
+def acts(checkpoint: Path, family: str, /, *, episodes: int = 10, split: Split = "val") -> None:
+    """Ask a policy at every step of an expert's episodes, in both simulators, and print what is right of its acts.
+
+    Args:
+        checkpoint: checkpoint of the policy: a gem policy
+        family: assembling-kits, stack-block-pyramid, towers-of-hanoi or separating-piles
+        episodes: number of episodes
+        split: of the episodes
+
+    Examples:
+      python -m experiments.foreign_tasks acts data/gem-multi.safetensors assembling-kits
+    """
+    import torch
+
+    from experiments.foreign_tasks import single_acts
+
+    torch.set_num_threads(1)
+    single_acts.report(checkpoint, family, episodes, split)
+
+
 def draw(folder: Path, /) -> None:
     """Draw the first validation episode of each family, and what gem-multi makes of its first sentence.
 
@@ -69,7 +89,7 @@ def draw(folder: Path, /) -> None:
     drawing.draw_all(folder)
 
 
-APP = base.make_app("python -m experiments.foreign_tasks", __doc__, expert, measure, draw)
+APP = base.make_app("python -m experiments.foreign_tasks", __doc__, expert, measure, acts, draw)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))
