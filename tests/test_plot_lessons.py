@@ -1,6 +1,7 @@
 """The drawings of the learning lessons and of lesson 10: what is drawn where, and that every panel is there."""
 
 import io
+import json
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from drawings import (
     pictures,
     plot_many_tasks,
+    plot_networks,
     plot_other_eyes,
     plot_panels,
     plot_pick,
@@ -21,6 +23,7 @@ from matplotlib.colors import to_rgba
 from PIL import Image
 from summaries import Score
 
+from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
 from gem_lite.policies.inputs import RGBD, Sample
 from gem_lite.se2 import Pose2, Workspace
@@ -268,3 +271,35 @@ def test_success_by_map_source_has_a_mark_and_an_interval_for_each_task():
         ends = [(line[:, 1].min(), line[:, 1].max()) for line in bars.get_segments()]
         assert ends == [pytest.approx(interval[1:]) for interval in of_tasks.values()]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == list(success)
+
+
+def test_the_towers_show_the_embedded_clips_own_sizes():
+    config = json.loads((clip.EMBEDDED / "config.json").read_text())
+    text, image, sizes = config["text_config"], config["vision_config"], plot_networks.EMBEDDED
+    assert (sizes.vocabulary, sizes.longest) == (text["vocab_size"], text["max_position_embeddings"])
+    assert (sizes.text_layers, sizes.text_heads) == (text["num_hidden_layers"], text["num_attention_heads"])
+    assert (sizes.text_width, sizes.dim) == (text["hidden_size"], config["projection_dim"])
+    assert (sizes.pixels, sizes.image_width) == (image["image_size"], image["hidden_sizes"][-1])
+    assert (len(image["depths"]), sum(image["depths"])) == (4, 5)
+    # Each stage but the first halves the resolution, as does the first convolution, whose size is rounded up.
+    assert sizes.features == (image["hidden_sizes"][-1], 3, 3)
+    drawn = [
+        text.get_text() for text in plot_networks.show_towers("red", ["<bos>", "Ġred"], PICTURE, 0.5).axes[0].texts
+    ]
+    assert {"(2, 128)", "(n, 512)", "(256, 3, 3)", "(50, 768)", "1,557 tokens"} <= set(drawn)
+
+
+def test_the_pick_module_says_the_shapes_of_its_arrows():
+    names = ("height", "raw map", "A", "M", "A ⊗ M")
+    drawn_maps = {name: np.random.default_rng(1).random(W.shape) for name in names}
+    drawn_maps |= {"colour": PICTURE, "kernel": np.ones((17, 17)), "scores": LOGITS}
+    ax = plot_networks.show_pick_module(drawn_maps, 146, (16, 24, 32, 48)).axes[0]
+    texts = {text.get_text() for text in ax.texts}
+    assert {"(4, 160, 80)", "words (146,)", "(3, 17, 17)", "(36, 160, 80)"} <= texts
+
+
+def test_the_stages_ring_the_best_pixel():
+    axes = plot_pick.show_stages([("M", LOGITS[0])], [("kernel", np.ones((17, 17)))], LOGITS, W).axes
+    ring = next(line for ax in axes for line in ax.lines if line.get_marker() == "o")
+    _, row, col = np.unravel_index(LOGITS.argmax(), LOGITS.shape)
+    assert (ring.get_xdata()[0], ring.get_ydata()[0]) == pytest.approx((col, row), abs=1e-6)

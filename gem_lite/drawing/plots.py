@@ -95,6 +95,6 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
         if panel.ndim == 2:
             map_image = image
     if map_image is not None:
-        fig.colorbar(map_image, ax=axes, shrink=0.8)
+        fig.colorbar(map_image, ax=axes, shrink=0.8, label="map")
     fig.suptitle(suptitle, fontsize=10)
     return fig

@@ -195,6 +195,18 @@ def show_synonyms(stored: dict[str, dict[str, float]], threshold: float, title: 
     return fig
 
 
+def show_crop_to_map(crop: np.ndarray, picture: np.ndarray, cosines: np.ndarray, semantic: np.ndarray) -> Figure:
+    """Eq. 3 in four steps: the crop (S, S, 3), the scene (H, W, 3), a cosine for each patch, and the map (H, W)."""
+    fig, axes = plt.subplots(1, 4, figsize=(9.6, 4.2), layout="constrained")
+    bare(axes[0], "the crop").imshow(crop)
+    bare(axes[1], "the new scene").imshow(picture)
+    coarse = bare(axes[2], "one cosine a patch").imshow(cosines, cmap=MAP_COLORS)
+    fine = bare(axes[3], "spread over the pixels, scaled").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+    fig.colorbar(coarse, ax=axes[2], shrink=0.8, label="cosine with the crop")
+    fig.colorbar(fine, ax=axes[3], shrink=0.8, label="0: typical cell, 1: typical match")
+    return fig
+
+
 @dataclass(frozen=True)
 class Comparison:
     """A row of `show_comparison`: a phrase, its retrieved crop, the scene, its maps (H, W) by name, and the truth.

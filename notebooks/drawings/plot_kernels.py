@@ -179,7 +179,9 @@ def show_dials(
     room = {"left": 0.01, "right": 0.965, "bottom": 0.25, "top": 0.86, "wspace": 0.1}  # fixed: it is quick for a frame
     fig, axes = plt.subplots(1, 7, figsize=(9.8, 1.9), width_ratios=[1, 1, 1, 1, 1, 1.15, 2], gridspec_kw=room)
     top = float(np.abs(coefficients[1:5]).max())
-    hands = [(r"the dial $\alpha$", 1.0 + 0j, 1), *((f"$c_{k}$", coefficients[k] / top, k) for k in range(1, 5))]
+    names = [r"$c_1\,e^{+i\alpha}$", *(rf"$c_{k}\,e^{{+{k}i\alpha}}$" for k in range(2, 5))]
+    hands = [(r"the dial $+\alpha$", 1.0 + 0j, 1)]
+    hands += [(name, coefficients[k] / top, k) for k, name in enumerate(names, start=1)]
     for ax, (title, start, speed) in zip(axes, hands, strict=False):
         bare(ax, title).set(xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal")
         ax.add_patch(Circle((0, 0), abs(start), fill=False, color="0.8"))
@@ -187,7 +189,7 @@ def show_dials(
         for hand, color in ((start, "0.75"), (now, "black" if ax is axes[0] else "C0")):
             _arrows(ax, np.zeros((1, 2)), np.array([[hand.real, hand.imag]]), color, pivot="tail")
     highest = float(kernel.abs().max())
-    bare(axes[5], "the kernel").imshow(kernel, cmap=SIGNED, vmin=-highest, vmax=highest)
+    bare(axes[5], r"kernel, turned $+\alpha$").imshow(kernel, cmap=SIGNED, vmin=-highest, vmax=highest)
     axes[5].plot(*pixel[::-1], "s", mfc="none", mec="black", ms=6)
     axes[6].plot(360 * np.arange(len(signal)) / len(signal), signal, color="0.6")
     waves = (coefficients * np.exp(1j * np.arange(len(coefficients)) * angle)).real
@@ -204,13 +206,15 @@ def show_reading(
 ) -> Figure:  # fmt: skip
     """A kernel read at an angle, a scene, the scores at this angle, and the scores above some pixels at all angles.
 
+    The curves are shares of the signals' highest value.
+
     Args:
         kernel: (h, h).
         scene, scores: (S, S). The map of scores is drawn from 60 % of the signals' highest value upwards.
         signals: for each pixel (row, col) the scores (n,) above it. The pixel is marked in the scene.
         degrees: the angle at which kernel and scores are read.
     """
-    room = {"left": 0.01, "right": 0.95, "bottom": 0.2, "top": 0.88, "wspace": 0.12}
+    room = {"left": 0.01, "right": 0.93, "bottom": 0.2, "top": 0.88, "wspace": 0.12}
     fig, axes = plt.subplots(1, 4, figsize=(9.6, 2.6), width_ratios=[0.6, 1, 1, 1.4], gridspec_kw=room)
     highest = float(kernel.abs().max())
     top = max(float(values.max()) for values in signals.values())
@@ -221,11 +225,13 @@ def show_reading(
         mark, angles = "os"[i % 2], 360 * np.arange(len(values)) / len(values)
         for ax in axes[1:3]:
             ax.plot(col, row, mark, mfc="none", mec=f"C{i}", ms=15, mew=1.8)
-        axes[3].plot([*angles, 360], [*values, values[0]], color=f"C{i}")
-        axes[3].plot(degrees, np.interp(degrees, angles, values), mark, color=f"C{i}")
+        axes[3].plot([*angles, 360], np.array([*values, values[0]]) / top, color=f"C{i}")
+        axes[3].plot(degrees, np.interp(degrees, angles, values) / top, mark, color=f"C{i}")
     axes[3].axvline(degrees, color="0.7", lw=1)
-    axes[3].set(xlim=(-8, 368), xticks=[0, 90, 180, 270, 360], xlabel=r"angle $\theta$ (degrees)")
+    axes[3].set(xlim=(-8, 368), xticks=[0, 90, 180, 270, 360], xlabel=r"angle $\theta$ (degrees)", ylim=(0, 1.08))
     axes[3].yaxis.tick_right()
+    axes[3].yaxis.set_label_position("right")
+    axes[3].set_ylabel("share of the highest score", fontsize=9)
     axes[3].set_title("scores above the two marks", fontsize=9)
     return fig
 

@@ -37,7 +37,7 @@ def show_training(
         ax = bare(fig.add_subplot(grid[column]), title)
         image = ax.imshow(cosines, cmap=SIGNED, vmin=-1, vmax=1)
         ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
-    fig.colorbar(image, ax=ax, shrink=0.7)
+    fig.colorbar(image, ax=ax, shrink=0.7, label="cosine")
     ax = fig.add_subplot(grid[3])
     ax.plot(losses)
     ax.axhline(guess, color="0.4", ls="--", label="all cosines equal: log N")
@@ -85,7 +85,8 @@ def show_scale(cosines: dict[str, np.ndarray], low: float, high: float, picture:
         color = ax.stairs(
             np.histogram(values, edges)[0] / values.size, edges, lw=1.8, label=f'"{name}"'
         ).get_edgecolor()
-        ax.plot(values.max(), 1.4e-4, "v", ms=7, color=color)
+        ax.plot(values.max(), 1.6e-4, "v", ms=7, color=color)
+    ax.plot([], [], "v", ms=7, color="0.4", label="a phrase's highest cell")
     for mark, name in ((low, "text_low "), (high, "text_high ")):
         ax.axvline(mark, color="0.3", ls="--", lw=1)
         ax.text(mark, 0.5, name, fontsize=8, color="0.3", ha="right")
@@ -105,7 +106,7 @@ def show_scale(cosines: dict[str, np.ndarray], low: float, high: float, picture:
     axes = [fig.add_subplot(grid[1, column]) for column in range(1, len(panels) + 1)]
     for ax, (title, values) in zip(axes, panels.items(), strict=True):
         image = bare(ax, title).imshow(values, cmap=MAP_COLORS, vmin=0, vmax=1)
-    fig.colorbar(image, ax=axes, shrink=0.9)
+    fig.colorbar(image, ax=axes, shrink=0.9, label="map")
     return fig
 
 
@@ -116,7 +117,7 @@ def show_patch(picture: np.ndarray, semantic: np.ndarray, patch: int, centre: tu
     corner = (centre[1] - patch / 2 - 0.5, centre[0] - patch / 2 - 0.5)
     axes[0].add_patch(Rectangle(corner, patch, patch, fill=False, ec="white", lw=1.6))
     image = bare(axes[1], "map").imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
-    fig.colorbar(image, ax=axes, shrink=0.9)
+    fig.colorbar(image, ax=axes, shrink=0.9, label="map")
     return fig
 
 
@@ -158,7 +159,7 @@ def show_plateaus(cases: Sequence[Plateau], foot: float, reach: float, margin: f
             ax.plot(col, row, "o", ms=6, color=SAFE_COLORS[4], mec="black")
             if margin:
                 ax.set(xlim=(col - margin, col + margin), ylim=(row + margin, row - margin), facecolor="0.7")
-    fig.colorbar(image, ax=axes, shrink=0.6)
+    fig.colorbar(image, ax=axes, shrink=0.6, label="map")
     return fig
 
 
@@ -214,7 +215,7 @@ def show_fusion(views: Sequence[View], maps: Sequence[np.ndarray], heightmap: He
         ax.set_facecolor("0.7")
     bare(fig.add_subplot(grid[:, -2]), "fused: colour").imshow(heightmap.rgb)
     ax = bare(fig.add_subplot(grid[:, -1]), "fused: map")
-    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8)
+    fig.colorbar(ax.imshow(fused, cmap=MAP_COLORS, vmin=0, vmax=1), ax=ax, shrink=0.8, label="cosine")
     fig.suptitle(title, fontsize=10)
     return fig
 

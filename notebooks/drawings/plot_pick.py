@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from drawings.plot_kernels import SIGNED
-from drawings.plot_shared import LEAST_LOGIT, action_map, to_picture
+from drawings.plot_shared import to_picture
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from scipy.ndimage import maximum_filter
@@ -19,28 +21,37 @@ from gem_lite.se2 import Pose2, Workspace
 
 DPI = 72
 """The resolution of pictures with many maps: smooth colours make large files."""
+SCORE_COLORS = SymLogNorm(linthresh=10, vmin=-1000, vmax=0)
+"""Colours of action maps, by how far a score lies below the best: linear to 10 below it, from there logarithmic.
+
+Networks differ: bare table may lie 50 below the best score, or 500.
+"""
 CLOSE_UP = 11.0
 """Half the side (pixels) of the square in which `show_peak_rule` looks at a pick from near."""
 
 
-def show_stages(panels: Sequence[tuple[str, np.ndarray]], label: str = "") -> Figure:
-    """A row of titled panels, each on a scale of its own.
+def show_stages(
+    maps: Sequence[tuple[str, np.ndarray]],
+    kernels: Sequence[tuple[str, np.ndarray]],
+    logits: np.ndarray,
+    workspace: Workspace,
+) -> Figure:
+    """Stages of a pick: maps (H, W), the action map of logits (R, H, W) with its best pixel, and kernels (h, h).
 
-    Colours (H, W, 3) are shown as they are. Arrays (H, W) are red where positive and blue where negative; a
-    title that begins with "score" marks an action map, yellow where highest. NaN is grey.
+    Maps and kernels have a scale each, red where positive and blue where negative. NaN is grey.
     """
-    fig, axes = plt.subplots(
-        1, len(panels), figsize=(1.5 * len(panels), 3.5), squeeze=False, layout="constrained", dpi=DPI
-    )
-    for ax, (title, panel) in zip(axes[0], panels, strict=True):
-        if panel.ndim == 3:
-            _small_bar(bare(ax, title), ax.imshow(panel)).set_visible(False)  # keeps the row level
-            continue
-        top = np.nanmax(np.abs(panel))
-        scale = {"cmap": "viridis"} if title.startswith("score") else {"cmap": SIGNED, "vmin": -top, "vmax": top}
-        _small_bar(bare(ax, title), ax.imshow(panel, **scale))
-        ax.set_facecolor("0.7")
-    axes[0, 0].set_ylabel(label, fontsize=9)
+    columns = len(maps) + 2
+    fig = plt.figure(figsize=(1.9 * columns, 4.6), layout="constrained", dpi=DPI)
+    grid = fig.add_gridspec(len(kernels), columns, width_ratios=[1] * (columns - 1) + [0.75])
+    spots = [fig.add_subplot(grid[:, i]) for i in range(columns - 1)]
+    for ax, (title, panel) in zip(spots, maps, strict=False):
+        _signed(bare(ax, f"{title}, channel 0"), panel, "bottom")
+    best = np.unravel_index(int(logits.argmax()), logits.shape)[1:]
+    image = _show_scores(spots[-1], logits, Pose2(*workspace.to_world(*best), 0), workspace)
+    spots[-1].set_title("best score of each pixel", fontsize=9)
+    _score_bar(image, spots[-1], location="bottom")
+    for row, (title, panel) in enumerate(kernels):
+        _signed(bare(fig.add_subplot(grid[row, -1]), title), panel, "right")
     return fig
 
 
@@ -111,7 +122,7 @@ def show_choices(cases: Sequence[tuple[str, np.ndarray, np.ndarray, Pose2]], wor
         draw_gripper(above, pose, workspace, PICK_COLOR)
         map_image = _show_scores(below, logits, pose, workspace)
         above.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
-    fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="logit - best logit")
+    _score_bar(map_image, axes[1])
     return fig
 
 
@@ -130,7 +141,9 @@ def show_progress(
     bare(scene, "best pick").imshow(picture)
     draw_gripper(scene, pose, workspace, PICK_COLOR)
     scene.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
-    fig.colorbar(_show_scores(scores, logits, pose, workspace, levels=10), ax=scores, shrink=0.8)
+    fig.colorbar(
+        _show_scores(scores, logits, pose, workspace, levels=10), ax=scores, shrink=0.8, label="score - best score"
+    )
     bare(scores, "action map")
     curve.plot(losses, color="0.6", lw=0.8)
     if losses:
@@ -207,19 +220,29 @@ def show_peak_rule(
 
 
 def _show_scores(ax: Axes, logits: np.ndarray, pose: Pose2, workspace: Workspace, levels: int = 256) -> AxesImage:
-    """The action map of logits (R, H, W) in ``levels`` colours, from `LEAST_LOGIT` to 0, with a ring about a pick."""
-    shown = maximum_filter(action_map(logits), size=3)
-    image = bare(ax).imshow(shown, cmap=plt.get_cmap("viridis", levels), vmin=LEAST_LOGIT, vmax=0)
+    """The action map of logits (R, H, W) in ``levels`` colours, by `SCORE_COLORS`, with a ring about a pick."""
+    shown = maximum_filter(logits.max(axis=0) - logits.max(), size=3)
+    image = bare(ax).imshow(shown, cmap=plt.get_cmap("viridis", levels), norm=SCORE_COLORS)
     row, col = workspace.to_pixel(pose.x, pose.y)
     ax.plot(col, row, "o", ms=11, mfc="none", mec=PICK_COLOR, mew=1.5, path_effects=OUTLINE)
     ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
     return image
 
 
-def _small_bar(ax: Axes, image: AxesImage) -> Axes:
-    bar = ax.figure.colorbar(image, ax=ax, location="bottom", shrink=0.85)
+def _score_bar(image: AxesImage, ax: Axes | Sequence[Axes], location: str = "right") -> None:
+    """The colour bar of action maps, beside or below their axes."""
+    bar: Colorbar = image.figure.colorbar(
+        image, ax=ax, location=location, shrink=0.85, ticks=[0, -10, -100, -1000], label="score - best score"
+    )
+    bar.ax.minorticks_off()
+    bar.ax.tick_params(labelsize=8)
+    bar.set_ticklabels(["0", "-10", "-100", "-1000"])
+
+
+def _signed(ax: Axes, panel: np.ndarray, location: str) -> None:
+    """A panel (H, W) in red and blue, with a colour bar; NaN is grey."""
+    top = np.nanmax(np.abs(panel))
+    ax.set_facecolor("0.7")
+    bar = ax.figure.colorbar(ax.imshow(panel, cmap=SIGNED, vmin=-top, vmax=top), ax=ax, location=location, shrink=0.85)
     bar.ax.tick_params(labelsize=7)
     bar.ax.locator_params(nbins=3)
-    bar.ax.ticklabel_format(axis="x", style="sci", scilimits=(-2, 3))  # no long numbers: they would overlap
-    bar.ax.xaxis.get_offset_text().set_fontsize(7)
-    return bar.ax

@@ -175,6 +175,8 @@ def episode_frames(
 ) -> list[np.ndarray]:
     """The frames of an episode's film: the sentence, the maps and action maps of pick and place, and the act.
 
+    The first frame is from the middle of the act: readers who see one frame see what the film is about.
+
     Args:
         before: (h, w, 3) uint8, the camera's picture before the act.
         act: its pictures during the act.
@@ -187,6 +189,7 @@ def episode_frames(
     for stage, caption in enumerate(captions):
         frames += 4 * [_on_screen(before, show_moment(decision, above, stage, caption))]
     acting = pictures.frame(show_moment(decision, above, last, "the act"), DPI)
+    frames.insert(0, _on_screen(act[len(act) // 2], acting))
     frames += [_on_screen(picture, acting) for picture in act]
     frames += 6 * [_on_screen(after[0], show_moment(decision, after[1], last + 1, "after the act"))]
     return _with_few_colors(frames)
