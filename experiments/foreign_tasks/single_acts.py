@@ -7,7 +7,7 @@ sees the cameras' pictures and the sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -17,10 +17,9 @@ from tqdm import tqdm
 from experiments.foreign_table import measuring
 from experiments.foreign_tasks import families, playing
 from experiments.foreign_tasks.table import TaskTable
-from gem_lite import clip, tasks
+from gem_lite import tasks
 from gem_lite.actions import Push
 from gem_lite.policies.base import Policy
-from gem_lite.policies.checkpoints import load_policy
 from gem_lite.policies.gem import GemChoice
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_off
@@ -118,13 +117,13 @@ def our_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterat
                 observations = world.step(expert.action).observations
 
 
-def report(checkpoint: Path, family: str, episodes: int, split: Split) -> None:
+def report(checkpoint: Path, family: str, episodes: int, split: Split, endings: Sequence[str]) -> None:
     """Print how many acts are right, in both simulators."""
     playing.make(family, split)
     measuring.check_count("episodes", episodes)
-    policy = load_policy(checkpoint, clip.load()).eval()
+    policy = playing.load(checkpoint, endings)
     for name, acts in (("MuJoCo", foreign_acts), ("ours", our_acts)):
         scores = [astuple(act) for act in tqdm(acts(family, policy, episodes, split), name, unit="act")]
         shares = 100 * np.mean(scores, axis=0)
         parts = ", ".join(f"{part.name} {share:.0f}" for part, share in zip(fields(ActScore), shares, strict=True))
-        print(f"{family}, {name}, {len(scores)} acts: {parts}")
+        print(f"{policy.name}, {family}, {name}, {len(scores)} acts: {parts}")
