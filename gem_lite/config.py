@@ -69,6 +69,10 @@ COUNT = whole_number(1)
 FLAG = Allowed("True or False", lambda value: isinstance(value, bool))
 TEXT = Allowed("a text", lambda value: isinstance(value, str))
 TEXTS = Allowed("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(TEXT.holds, value)))
+FACTORS = Allowed(
+    f"up to 4 values, each {above_0(10).words}",
+    lambda value: isinstance(value, tuple) and len(value) <= 4 and all(map(above_0(10).holds, value)),
+)
 LENGTH = above_0(LONGEST_SIDE)
 """A length on a table (m)."""
 RADIUS = number(0, LONGEST_SIDE)

@@ -42,7 +42,7 @@ COMMANDS = (
     "clip_tabletop withheld-picks",
     "foreign_table record", "foreign_table measure",
     "foreign_table refusals", "foreign_table scenes",
-    "foreign_tasks expert", "foreign_tasks measure", "foreign_tasks draw",
+    "foreign_tasks expert", "foreign_tasks measure", "foreign_tasks acts", "foreign_tasks draw",
     "other_eyes pictures", "other_eyes peaks", "other_eyes acts", "other_words fit",
     "other_words measure",
     "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
@@ -220,6 +220,8 @@ foreign_tasks expert towers-of-hanoi --episodes 0 | episodes must be a whole num
 foreign_tasks measure none.safetensors bowls | family must be one of assembling-kits, stack-block-pyramid,
 foreign_tasks measure none.safetensors assembling-kits | the checkpoint none.safetensors is not complete
 foreign_tasks measure none.safetensors assembling-kits --split train | Choose from: "val", "test".
+foreign_tasks acts none.safetensors bowls | family must be one of assembling-kits, stack-block-pyramid,
+foreign_tasks acts none.safetensors assembling-kits --episodes 0 | episodes must be a whole number from 1 to 1000
 foreign_tasks draw | requires an argument
 from_an_empty_file --episodes 0 | episodes must be at least 1, got 0
 from_an_empty_file --demos 20 | demos must be at least 1 and at most 10, got 20

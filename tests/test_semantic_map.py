@@ -8,7 +8,7 @@ from frame_averaging import frame_averaged
 from gem_lite import tasks
 from gem_lite.maps import crop_memory, semantic_map
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
-from gem_lite.maps.patches import PatchGrid, embed_patches, paint_outside, patchify, side_grid
+from gem_lite.maps.patches import PatchGrid, embed_patches, exposed, paint_outside, patchify, side_grid
 from gem_lite.maps.semantic_map import fuse, plateau_centre
 from gem_lite.policies.gem_config import LITE
 from gem_lite.rgbd.camera import View
@@ -176,3 +176,30 @@ def test_frame_average_leaves_out_what_leaves_the_picture():
 def test_bad_frames_are_named(shape, kind, rotations, name):
     with pytest.raises(ValueError, match=name):
         frame_averaged(lambda picture: picture[..., 0], np.zeros(shape, kind), rotations)
+
+
+def test_of_several_exposures_each_map_is_that_of_the_surest(scene_and_truth, model):
+    scene, task, action, observation = scene_and_truth
+    dark = [dataclasses.replace(view, rgb=exposed(view.rgb, 0.4)) for view in observation.views]
+    config = dataclasses.replace(LITE, more_exposures=(2.5,))
+    phrase = f"{task.named_colors[1]} bowl"
+    embed = semantic_map.embed_scene
+    as_it_is, bracketed = (
+        semantic_map.text_conditioned_map(embed(dark, model, wanted), phrase, model) for wanted in (LITE, config)
+    )
+    brighter = [dataclasses.replace(view, rgb=exposed(view.rgb, 2.5)) for view in dark]
+    bright = semantic_map.text_conditioned_map(embed(brighter, model, LITE), phrase, model)
+    # The dark pictures, brightened, are nearly the pictures of before; CLIP is surer of them.
+    assert bracketed.max() == max(as_it_is.max(), bright.max()) == bright.max() > as_it_is.max() + 0.05
+    assert np.array_equal(bracketed, bright)
+    right = semantic_map.text_conditioned_map(embed(observation.views, model, config), phrase, model)
+    assert np.array_equal(right, semantic_map.text_conditioned_map(scene, phrase, model))
+
+
+def test_an_exposure_scales_a_picture_and_cuts_what_is_too_bright():
+    picture = np.array([[[0, 10, 200]]], np.uint8)
+    assert exposed(picture, 1.5).tolist() == [[[0, 15, 255]]]
+    assert exposed(picture, 1.0).tolist() == picture.tolist()
+    for wrong in ((0.0,), (1.0, -2.0), (1.0,) * 5, (11.0,)):
+        with pytest.raises(ValueError, match="more_exposures must be up to 4 values"):
+            dataclasses.replace(LITE, more_exposures=wrong)

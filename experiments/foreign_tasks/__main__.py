@@ -9,6 +9,7 @@ from typing import Literal
 from gem_lite.cli import base
 
 Split = Literal["val", "test"]
+Endings = tuple[str, ...]
 
 
 def expert(family: str, /, *, episodes: int = 20, split: Split = "val") -> None:
@@ -30,8 +31,9 @@ def expert(family: str, /, *, episodes: int = 20, split: Split = "val") -> None:
 
 
 def measure(
-    checkpoint: Path, family: str, /, *, episodes: int = 100, split: Split = "test", out: base.Out = None
-) -> None:
+    checkpoint: Path, family: str, /, *, episodes: int = 100, split: Split = "test", ending: Endings = (),
+    out: base.Out = None,
+) -> None:  # fmt: skip
     """Measure a policy, and file the row.
 
     Args:
@@ -39,6 +41,7 @@ def measure(
         family: assembling-kits, stack-block-pyramid, towers-of-hanoi or separating-piles
         episodes: number of episodes
         split: of the episodes
+        ending: ending of a method's name with other rules of acting, such as with-bracketing (repeatable)
 
     Examples:
       python -m experiments.foreign_tasks measure data/gem-multi.safetensors assembling-kits --episodes 10 --split val
@@ -49,7 +52,28 @@ def measure(
     from gem_lite.evaluation import results
 
     torch.set_num_threads(1)
-    playing.measure(checkpoint, family, episodes, split, results.output(False, out, "foreign-tasks"))
+    playing.measure(checkpoint, family, episodes, split, ending, results.output(False, out, "foreign-tasks"))
+
+
+def acts(checkpoint: Path, family: str, /, *, episodes: int = 10, split: Split = "val", ending: Endings = ()) -> None:
+    """Ask a policy at every step of an expert's episodes, in both simulators, and print what is right of its acts.
+
+    Args:
+        checkpoint: checkpoint of the policy: a gem policy
+        family: assembling-kits, stack-block-pyramid, towers-of-hanoi or separating-piles
+        episodes: number of episodes
+        split: of the episodes
+        ending: as in measure
+
+    Examples:
+      python -m experiments.foreign_tasks acts data/gem-multi.safetensors assembling-kits
+    """
+    import torch
+
+    from experiments.foreign_tasks import single_acts
+
+    torch.set_num_threads(1)
+    single_acts.report(checkpoint, family, episodes, split, ending)
 
 
 def draw(folder: Path, /) -> None:
@@ -69,7 +93,7 @@ def draw(folder: Path, /) -> None:
     drawing.draw_all(folder)
 
 
-APP = base.make_app("python -m experiments.foreign_tasks", __doc__, expert, measure, draw)
+APP = base.make_app("python -m experiments.foreign_tasks", __doc__, expert, measure, acts, draw)
 
 if __name__ == "__main__":
     sys.exit(base.run(APP))

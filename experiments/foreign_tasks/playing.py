@@ -78,11 +78,19 @@ def play_all(family: str, episodes: int, split: Split, player: Player) -> list[E
     return played
 
 
-def measure(checkpoint: Path, family: str, episodes: int, split: Split, out: Path) -> None:
+def load(checkpoint: Path, endings: Sequence[str]) -> Policy:
+    """A policy, with the rules of acting that the endings of a method's name stand for."""
+    policy = load_policy(checkpoint, clip.load()).eval()
+    for ending in endings:
+        policy.act_as(policy.config.ablated(ending))
+    return policy
+
+
+def measure(checkpoint: Path, family: str, episodes: int, split: Split, endings: Sequence[str], out: Path) -> None:
     """Measure a policy, and file its row."""
     task = make(family, split)
     measuring.check_count("episodes", episodes)
-    policy = load_policy(checkpoint, clip.load()).eval()
+    policy = load(checkpoint, endings)
     played = play_all(family, episodes, split, partial(by_policy, policy))
     facts = {"world": "MuJoCo", "split": split, "start": 0, "actions": task.max_steps}
     measuring.file_row(checkpoint, policy, f"foreign-{family}", played, "all", facts, out)

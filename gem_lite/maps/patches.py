@@ -10,7 +10,7 @@ import torch
 from scipy import sparse
 
 from gem_lite.clip import Clip
-from gem_lite.config import COUNT, LENGTH, InputConfig, entry
+from gem_lite.config import COUNT, FACTORS, LENGTH, InputConfig, entry
 from gem_lite.rgbd.camera import Camera
 
 WIDTH, FOCAL = 640, 450.0
@@ -26,12 +26,15 @@ class PatchConfig(InputConfig):
             paper's are 40 and 20. In `lite` a patch is about as wide as a block, so that some patches show one of two
             blocks that touch.
         top_patch, top_stride: CLIP patches of the height map (m).
+        more_exposures: CLIP also sees the views brighter or darker by each of these factors, and a query's map is that
+            of the exposure at which CLIP is surest (`SceneEmbedding.cosine`). Only "multi-view" maps read it.
     """
 
     patch: int = entry(20, COUNT)
     stride: int = entry(10, COUNT)
     top_patch: float = entry(0.125, LENGTH, grows=True)
     top_stride: float = entry(0.0625, LENGTH, grows=True)
+    more_exposures: tuple[float, ...] = entry((), FACTORS, added=True)
 
 
 @dataclass(frozen=True)
@@ -149,6 +152,11 @@ def embed_patches(image: np.ndarray, grid: PatchGrid, clip: Clip, needed: np.nda
         _, first, number = np.unique(as_bytes, return_index=True, return_inverse=True)
         values[torch.from_numpy(chosen)] = clip.embed_known_images(patches[first])[torch.from_numpy(number)]
     return PatchEmbeddings(grid, values)
+
+
+def exposed(rgb: np.ndarray, factor: float) -> np.ndarray:
+    """A picture (H, W, 3) uint8 that is brighter by a factor, as after a longer exposure; what is too bright is cut."""
+    return np.clip(rgb * np.float32(factor), 0, 255).astype(np.uint8)
 
 
 def paint_outside(rgb: np.ndarray, inside: np.ndarray) -> np.ndarray:

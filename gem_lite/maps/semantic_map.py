@@ -6,7 +6,7 @@ Each map is made for a query (`gem_lite.language.ThingQuery`): a phrase or a pic
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -32,12 +32,14 @@ class SceneEmbedding:
         points: the views' points, sorted into the height map's cells: the fusion from above.
         sides: the embedding of each view; `embed_scene` makes `PatchEmbeddings`.
         embed_top: computes `top`.
+        exposures: ``sides`` once more for each of `PatchConfig.more_exposures`.
     """
 
     heightmap: HeightMap
     points: SortedPoints
     sides: tuple[Any, ...]
     embed_top: Callable[[], PatchEmbeddings]
+    exposures: tuple[tuple[Any, ...], ...] = field(default=(), kw_only=True)
 
     @cached_property
     def top(self) -> PatchEmbeddings:
@@ -61,8 +63,16 @@ class SceneEmbedding:
         return self.points.shares(groups, int(starts[-1])) @ sparse.block_diag(values, "csr")
 
     def cosine(self, embedding: torch.Tensor) -> np.ndarray:
-        """The cosines of the views' patches with one embedding (D,), fused from above: (H, W) float32."""
-        scores = torch.cat([(side.values @ embedding.to(side.values)).flatten() for side in self.sides])
+        """The cosines of the views' patches with one embedding (D,), fused from above: (H, W) float32.
+
+        Of several exposures, those of the one with the highest cosine. A photographer brackets, too, if the light is
+        unknown: CLIP knows things best in the light of the pictures that it learned from.
+        """
+        maps = [self._cosine(sides, embedding) for sides in (self.sides, *self.exposures)]
+        return max(maps, key=np.max)
+
+    def _cosine(self, sides: Sequence[PatchEmbeddings], embedding: torch.Tensor) -> np.ndarray:
+        scores = torch.cat([(side.values @ embedding.to(side.values)).flatten() for side in sides])
         return self.points.filled((self.spread @ scores.numpy()).reshape(self.heightmap.height.shape))
 
 
@@ -85,12 +95,16 @@ def embed_views(
 def embed_scene(views: Sequence[View], clip: Clip, config: PatchConfig) -> SceneEmbedding:
     """Fuse the views and embed the patches of each view. The height map's patches are embedded at first use."""
 
-    def embed_view(view: View, inside: np.ndarray) -> PatchEmbeddings:
-        return patches.embed_patches(
-            patches.paint_outside(view.rgb, inside), patches.side_grid(view.camera, config), clip, inside
-        )
+    def embed_view(view: View, inside: np.ndarray, factor: float = 1.0) -> PatchEmbeddings:
+        picture = patches.exposed(patches.paint_outside(view.rgb, inside), factor)
+        return patches.embed_patches(picture, patches.side_grid(view.camera, config), clip, inside)
 
-    return embed_views(views, clip, config, embed_view)
+    scene = embed_views(views, clip, config, embed_view)
+    exposures = tuple(
+        tuple(embed_view(view, inside, factor) for view, inside in zip(views, scene.points.kept, strict=True))
+        for factor in config.more_exposures
+    )
+    return replace(scene, exposures=exposures)
 
 
 def embed_query(query: ThingQuery, clip: Clip) -> torch.Tensor:

@@ -12,6 +12,7 @@ import torch
 from torch import nn
 from typing_extensions import override
 
+from gem_lite import config as configuration
 from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.language import Queries, Query, is_relation
 from gem_lite.maps import sources
@@ -165,6 +166,11 @@ class Gem(Policy[SceneEmbedding]):
     def source(self) -> sources.MapSource:
         """The source of the text-conditioned maps."""
         return sources.SOURCES.find(self.config.semantic_map)(self.clip, self.config)
+
+    @override
+    def act_as(self, config: configuration.Config) -> None:
+        super().act_as(config)
+        self.__dict__.pop("source", None)  # The source has the configuration, too.
 
     @property
     def retrieves(self) -> bool:

@@ -67,6 +67,9 @@ ABLATIONS = {
     "without-location-code": SHARED_ABLATIONS["without-location-code"],
     "without-peak": Ablation("a pick may lie anywhere, wherever its map is high", {"peak_margin": None}),
     "with-place-peak": Ablation("a place keeps to the peak of its map, if the map is decided", {"place_lead": 0.2}),
+    "with-bracketing": Ablation(
+        "CLIP sees the views at three exposures, and a map is that of the surest", {"more_exposures": (1.4, 2.0)}
+    ),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
     "with-joint-choice": Ablation("pick and place are chosen together, among the 8 best picks", {"joint_picks": 8}),
 }
@@ -115,7 +118,7 @@ class GemConfig(Config, MapConfig):
         },
     }  # fmt: skip
     ACTING: ClassVar[frozenset[str]] = Config.ACTING | {
-        "conjuncts", "locations", "peak_margin", "peak_radius", "place_lead",
+        "conjuncts", "locations", "more_exposures", "peak_margin", "peak_radius", "place_lead",
     }  # fmt: skip
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
 

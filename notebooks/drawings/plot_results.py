@@ -48,6 +48,7 @@ ABLATION_NAMES = {
     "without-conjuncts": '"and" as one phrase',
     "without-peak": "no pick rule",
     "with-place-peak": "a place rule",
+    "with-bracketing": "three exposures",
     "without-empty-spots": "no rule on empty spots",
     "without-locations": "no location words",
 }

@@ -137,6 +137,15 @@ def test_a_policy_is_measured(tmp_path, monkeypatch, capsys):
     assert "foreign-stack-block-pyramid" in capsys.readouterr().out
 
 
+def test_an_ending_gives_a_policy_other_rules_of_acting():
+    checkpoint = clip.DATA / "gem-multi.safetensors"
+    policy = playing.load(checkpoint, ["with-bracketing", "with-place-peak"])
+    assert policy.name == "gem-with-place-peak-with-bracketing-multi"
+    assert policy.source.config.more_exposures == (1.4, 2.0) and policy.config.place_lead == 0.2
+    with pytest.raises(ValueError, match="differ from the policy's in"):
+        playing.load(checkpoint, ["without-steerable-kernel"])
+
+
 @pytest.mark.parametrize(("beside", "held"), [(0.003, True), (0.008, False)])
 def test_the_cup_holds_what_is_below_its_rim(beside, held):
     task = playing.make("stack-block-pyramid", "val")

@@ -1,0 +1,129 @@
+"""Where do acts go wrong? A policy is asked at every step of an expert's episode, here and in our simulator.
+
+The expert acts, so that no step suffers from an error before it. The true poses score the policy's acts; the policy
+sees the cameras' pictures and the sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from experiments.foreign_table import measuring
+from experiments.foreign_tasks import families, playing
+from experiments.foreign_tasks.table import TaskTable
+from gem_lite import tasks
+from gem_lite.actions import Push
+from gem_lite.policies.base import Policy
+from gem_lite.policies.gem import GemChoice
+from gem_lite.rgbd.observation import Observation
+from gem_lite.se2 import Pose2, angle_off
+from gem_lite.simulation.environment import Environment
+from gem_lite.simulation.world import World
+from gem_lite.tasks.goals import Goal, target_pose
+from gem_lite.tasks.task import Split, Task
+
+OUR_TASKS = {
+    "assembling-kits": "assembling-kits-seq-seen-colors", "stack-block-pyramid": "stack-block-pyramid-seq-seen-colors",
+    "towers-of-hanoi": "towers-of-hanoi-seq-seen-colors", "separating-piles": "separating-piles-seen-colors",
+}  # fmt: skip
+"""By family: the task of our simulator with the same goals."""
+THING_REACH = 0.04
+"""A pick at most this far (m) from a thing's middle is meant for it."""
+REACH, SQUARE_REACH = 0.03, 0.07
+"""A place, or a map's peak, at most this far (m) from a target is meant for it; the second is for the piles' squares,
+whose outline is bright on the map."""
+
+
+@dataclass(frozen=True)
+class ActScore:
+    """How far one act of a policy is right.
+
+    Attributes:
+        thing: the pick is meant for the named thing.
+        map_peak: the highest value of the place's semantic map is at the right target.
+        target: the place is meant for the right target.
+        exact: the thing would come to lie within the task's tolerances, if it moved as the tool does.
+    """
+
+    thing: bool
+    map_peak: bool
+    target: bool
+    exact: bool
+
+
+def distance(first: Pose2, second: Pose2) -> float:
+    """Between two poses, in metres."""
+    return math.hypot(first.x - second.x, first.y - second.y)
+
+
+def score(environment: Environment | TaskTable, goal: Goal, choice: GemChoice) -> ActScore:
+    """Score a policy's choice for a goal that is not reached, by the true poses."""
+    body, target = goal.next_move(environment)
+    goal_pose = target_pose(environment, target)
+    row, column = np.unravel_index(int(choice.place_map.argmax()), choice.place_map.shape)
+    peak = distance(Pose2(*choice.heightmap.workspace.to_world(row, column)), goal_pose)
+    if isinstance(choice.action, Push):
+        nearest = min(distance(choice.action.start, environment.pose(cube)[0]) for cube in goal.bodies)
+        in_square = distance(choice.action.end, goal_pose) < SQUARE_REACH
+        return ActScore(nearest < THING_REACH, peak < SQUARE_REACH, in_square, in_square)
+    body_pose = environment.pose(body)[0]
+    moved = choice.action.place @ choice.action.pick.inverse() @ body_pose
+    offset = goal_pose.inverse() @ moved
+    thing = distance(choice.action.pick, body_pose) < THING_REACH
+    near = math.hypot(offset.x, offset.y)
+    turned = angle_off(offset.yaw, goal.metric.symmetry)
+    exact = thing and near < families.TOLERANCE and turned < families.YAW_TOLERANCE
+    return ActScore(thing, peak < REACH, near < REACH, exact)
+
+
+def ask(policy: Policy, observation: Observation, task: Task, environment: Environment | TaskTable) -> ActScore:
+    """The score of what a policy would do now."""
+    goal = next(goal for goal in task.goals if goal.sentence == task.instruction)
+    return score(environment, goal, policy.decide(observation, task.instruction))
+
+
+def foreign_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterator[ActScore]:
+    """The scores at all steps of an expert's first episodes of a split, on the table of another simulator."""
+    task = playing.make(family, split)
+    with TaskTable() as table:
+        for index in range(episodes):
+            table.begin(task, playing.SEEDS[split][index])
+            for _ in range(task.max_steps):
+                expert = task.expert(table)
+                if expert is None:
+                    break
+                yield ask(policy, measuring.seen(table), task, table)
+                table.act(expert.action)
+                task.advance(table)
+
+
+def our_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterator[ActScore]:
+    """As `foreign_acts`, of the same family in our simulator."""
+    task = tasks.make(OUR_TASKS[family], split)
+    with World() as world:
+        for index in range(episodes):
+            observations = world.reset(task, tasks.episode_seed(split, index))
+            for _ in range(task.max_steps):
+                expert = task.expert(world)
+                if expert is None:
+                    break
+                yield ask(policy, observations[0], task, world)
+                observations = world.step(expert.action).observations
+
+
+def report(checkpoint: Path, family: str, episodes: int, split: Split, endings: Sequence[str]) -> None:
+    """Print how many acts are right, in both simulators."""
+    playing.make(family, split)
+    measuring.check_count("episodes", episodes)
+    policy = playing.load(checkpoint, endings)
+    for name, acts in (("MuJoCo", foreign_acts), ("ours", our_acts)):
+        scores = [astuple(act) for act in tqdm(acts(family, policy, episodes, split), name, unit="act")]
+        shares = 100 * np.mean(scores, axis=0)
+        parts = ", ".join(f"{part.name} {share:.0f}" for part, share in zip(fields(ActScore), shares, strict=True))
+        print(f"{policy.name}, {family}, {name}, {len(scores)} acts: {parts}")

@@ -1,0 +1,60 @@
+"""Single acts are scored by the true poses: the expert's are right in every part, others are not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("foreign_world")
+
+from experiments.foreign_tasks import playing, single_acts
+from experiments.foreign_tasks.table import TaskTable
+from gem_lite import tasks
+from gem_lite.actions import PickPlace, Push
+from gem_lite.se2 import Pose2, Workspace
+from gem_lite.simulation.world import World
+from gem_lite.tasks.goals import target_pose
+
+MEANT = ("thing", "map_peak", "target", "exact")
+
+
+def scored(environment, task, action, peak):
+    """The parts of the score that are right of an action, with a place map whose highest cell is at ``peak``."""
+    workspace = Workspace()
+    place_map = np.zeros(workspace.shape, np.float32)
+    row, column = np.round(workspace.to_pixel(peak.x, peak.y)).astype(int)
+    place_map[row, column] = 1.0
+    choice = SimpleNamespace(action=action, place_map=place_map, heightmap=SimpleNamespace(workspace=workspace))
+    score = single_acts.score(environment, task.goals[0], choice)
+    return [name for name in MEANT if getattr(score, name)]
+
+
+@pytest.mark.parametrize("family", ["assembling-kits", "stack-block-pyramid", "towers-of-hanoi"])
+@pytest.mark.parametrize("foreign", [True, False])
+def test_the_experts_act_is_right_and_others_are_not(family, foreign):
+    with TaskTable() if foreign else World() as environment:
+        if foreign:
+            task = playing.make(family, "val")
+            environment.begin(task, playing.SEEDS["val"][0])
+        else:
+            task = tasks.make(single_acts.OUR_TASKS[family], "val")
+            environment.begin(task, tasks.episode_seed("val", 0))
+        action = task.expert(environment).action
+        target = target_pose(environment, task.goals[0].targets[0])
+        assert scored(environment, task, action, target) == list(MEANT)
+        beside = PickPlace(action.pick, Pose2(action.place.x + 0.02, action.place.y, action.place.yaw))
+        assert scored(environment, task, beside, target) == ["thing", "map_peak", "target"]
+        wrong = PickPlace(action.pick, Pose2(action.place.x + 0.1, action.place.y, action.place.yaw))
+        assert scored(environment, task, wrong, action.pick) == ["thing"]
+        other_thing = PickPlace(action.pick @ Pose2(0.1, 0.0), action.place @ Pose2(0.1, 0.0))
+        assert "exact" not in scored(environment, task, other_thing, target)
+
+
+def test_a_push_is_right_if_it_ends_in_the_named_square():
+    task = playing.make("separating-piles", "val")
+    with TaskTable() as table:
+        table.begin(task, playing.SEEDS["val"][0])
+        push = task.expert(table).action
+        assert scored(table, task, push, push.end) == list(MEANT)
+        back = Push(push.start, Pose2(2 * push.start.x - push.end.x, 2 * push.start.y - push.end.y))
+        assert scored(table, task, back, push.start) == ["thing"]
