@@ -26,8 +26,8 @@ class PatchConfig(InputConfig):
             paper's are 40 and 20. In `lite` a patch is about as wide as a block, so that some patches show one of two
             blocks that touch.
         top_patch, top_stride: CLIP patches of the height map (m).
-        more_exposures: CLIP also sees the views brighter or darker by each of these factors, and a query's map is that
-            of the exposure at which CLIP is surest (`SceneEmbedding.cosine`). Only "multi-view" maps read it.
+        more_exposures: CLIP also sees the views brighter or darker by each of these factors, and a query's map may be
+            that of the exposure at which CLIP is surest (`text_conditioned_map`). Only "multi-view" maps read it.
     """
 
     patch: int = entry(20, COUNT)
