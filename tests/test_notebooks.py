@@ -13,6 +13,8 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 25
 """Lines that a reader follows at once."""
+MOST_WORDS = 3500
+"""What a reader reads in one sitting; the longest lesson had half as many again once."""
 PALETTE = 3
 """The kind of colour of a PNG with a palette, its byte 25."""
 TAG = "nbval-check-output"
@@ -94,6 +96,12 @@ def imported(source):
     nodes = [node for node in ast.parse(source).body if isinstance(node, ast.Import | ast.ImportFrom)]
     names = [[alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module] for node in nodes]
     return [name.partition(".")[0] for several in names for name in several]
+
+
+def test_a_lesson_is_read_in_one_sitting(nb):
+    text = re.sub(r"</?(details|summary|br|b|i|sup|sub)[^<>]*>", " ", prose(nb))
+    words = [word for word in text.split() if re.search("[A-Za-z0-9]", word)]
+    assert len(words) <= MOST_WORDS
 
 
 def test_gem_lite_comes_before_torch(cells):
