@@ -54,8 +54,10 @@ def asked_of_the_network(browser):
     return [each["request"]["url"] for each in sent if each["request"]["url"].startswith("http")]
 
 
-def check_sliders(browser):
+def check_sliders(browser, page):
     """Each slider of the page shows different frames. Returns how many there are."""
+    count = page.read_text().count('class="gem-slider"')
+    WebDriverWait(browser, 60).until(lambda _: len(browser.find_elements(By.CSS_SELECTOR, ".gem-slider")) == count)
     places = browser.find_elements(By.CSS_SELECTOR, ".gem-slider")
     for place in places:
         WebDriverWait(browser, 60).until(lambda _, place=place: place.find_elements(By.CSS_SELECTOR, "input"))
@@ -68,7 +70,7 @@ def check_sliders(browser):
             )
             drawn.add(browser.execute_script(DRAWN, place))
         assert len(drawn) > 1, browser.current_url
-    return len(places)
+    return count
 
 
 def main(folder):
@@ -80,7 +82,7 @@ def main(folder):
                 name = page.relative_to(BOOK).with_suffix("").as_posix()
                 if folder is not None and name in PICTURES_OF:
                     browser.save_screenshot(str(folder / f"{page.stem}-{width}.png"))
-                sliders, long_lines = check_sliders(browser), browser.execute_script(LONG_LINES)
+                sliders, long_lines = check_sliders(browser, page), browser.execute_script(LONG_LINES)
                 print(f"{width} {name}: {sliders} sliders, {long_lines} pieces of code with long lines", flush=True)
                 assert not browser.execute_script(OVERFLOWS), f"{name} is wider than {width} pixels"
                 assert width != LAPTOP or not long_lines, f"{name}: code runs out of its box at {width}"
