@@ -22,7 +22,7 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test texts twice lint check fuzz wheel book handouts graded check-python clean
+.PHONY: help setup demo lab test texts twice lint check fuzz wheel book hosted handouts graded check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
@@ -35,6 +35,7 @@ help:
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make wheel  set up, then build the package with its models into dist/"
 	@echo "make book   set up, then build the lessons, docs/ and the library's pages as a site into build/book (two minutes)"
+	@echo "make hosted  set up, then write the lessons for Colab into build/hosted (docs/installing.md)"
 	@echo "make handouts  set up, then write the lessons without solutions into build/handouts, for nbgrader into build/course"
 	@echo "make graded  set up, then let nbgrader score two lessons, once solved and once empty (some minutes)"
 	@echo "make clean  remove $(VENV), build/, dist/ and caches; your policies and rows in runs/ stay"
@@ -128,6 +129,9 @@ $(READY_FOR_BOOK): docs/environment.txt $(READY)
 book: $(READY_FOR_BOOK)
 	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs . build/book
 	@echo "built; open build/book/docs/index.html"
+
+hosted: $(READY)
+	@$(BIN)/python -m docs.hosted
 
 handouts: $(READY)
 	@$(BIN)/python -m docs.handouts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import sys
 import tomllib
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from myst_nb.core.render import MimeData, NbElementRenderer
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from docs import hosted, pages  # noqa: E402  # Sphinx reads this file as a program: the folder must be named first.
 
 project = "gem_lite"
 author = "gem_lite developers"
@@ -48,6 +51,9 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_use_ivar = True
 
+repository_address = hosted.repository()
+"""Lessons link to Colab and Binder once the repository has an address."""
+
 html_theme = "sphinx_book_theme"
 html_title = "gem_lite"
 html_theme_options = {"show_toc_level": 1, "use_download_button": True, "navbar_persistent": []}
@@ -58,14 +64,14 @@ FRAMES = b"acTL"
 """Begins the frames of an animated PNG."""
 
 
-def fold_solutions(_: Sphinx, docname: str, source: list[str]) -> None:
-    """Fold the code that is folded in the notebook, too: the solutions of the exercises. myst-nb does it by a tag."""
+def prepare_lesson(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Change what a lesson needs changed as a page."""
     if not docname.startswith("notebooks/"):
         return
     notebook = json.loads(source[0])
-    for cell in notebook["cells"]:
-        if cell["metadata"].get("jupyter", {}).get("source_hidden"):
-            cell["metadata"].setdefault("tags", []).append("hide-input")
+    pages.fold_solutions(notebook)
+    pages.replace_widgets(notebook)
+    pages.add_links(notebook, app.config.repository_address, f"{Path(docname).name}.ipynb")
     source[0] = json.dumps(notebook)
 
 
@@ -89,5 +95,6 @@ def show_texts_of_pictures() -> None:
 
 def setup(app: Sphinx) -> None:
     """What Sphinx calls first."""
-    app.connect("source-read", fold_solutions)
+    app.add_config_value("repository_address", None, "env", (str, type(None)))
+    app.connect("source-read", prepare_lesson)
     show_texts_of_pictures()
