@@ -1,4 +1,6 @@
-"""The planner: look, choose the next thing that belongs, say the sentence; the policy acts; look again::
+"""The planner: look, choose the next thing that belongs, say the sentence; the policy acts; look again.
+
+::
 
     planner = Planner(goals.read("pick all toys and place them into the brown box"), belongs, names, policy.source)
     while (instruction := planner.next(observation)) is not None:
