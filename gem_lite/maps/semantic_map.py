@@ -129,7 +129,7 @@ def _score(cosine: Callable[[torch.Tensor], np.ndarray], query: ThingQuery, clip
 
 SURER = 0.08
 """Another exposure has to be better by this much on the map's scale. Chosen on validation scenes of kits and pyramids:
-with less, maps of our own scenes change, too."""
+with less, more maps of our own scenes change."""
 
 
 def text_conditioned_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -> np.ndarray:
