@@ -190,7 +190,7 @@ def test_of_several_exposures_each_map_is_that_of_the_surest(scene_and_truth, mo
     brighter = [dataclasses.replace(view, rgb=exposed(view.rgb, 2.5)) for view in dark]
     bright = semantic_map.text_conditioned_map(embed(brighter, model, LITE), phrase, model)
     # The dark pictures, brightened, are nearly the pictures of before; CLIP is surer of them.
-    assert bright.max() > as_it_is.max() + semantic_map.SURER
+    assert bright.max() > as_it_is.max() + semantic_map.EXPOSURE_LEAD
     assert np.array_equal(bracketed, bright)
     right = semantic_map.text_conditioned_map(embed(observation.views, model, config), phrase, model)
     assert np.array_equal(right, semantic_map.text_conditioned_map(scene, phrase, model))

@@ -127,7 +127,7 @@ def _score(cosine: Callable[[torch.Tensor], np.ndarray], query: ThingQuery, clip
     return clip.calibration.scale_text(cosine(embed_phrase(query, clip)))
 
 
-SURER = 0.08
+EXPOSURE_LEAD = 0.08
 """Another exposure has to be better by this much on the map's scale. Chosen on validation scenes of kits and pyramids:
 with less, more maps of our own scenes change."""
 
@@ -136,8 +136,8 @@ def text_conditioned_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -
     """M_text (Eq. 1): every view's patches scored against a query, fused from above by point cloud.
 
     A picture may stand in the phrase's place; then the scale is that of pictures. Of a scene with several exposures,
-    the map is that of the exposure with the highest value, if this is `SURER` above that of the views as they are: CLIP
-    knows things best in the light of the pictures that it learned from.
+    the map is that of the exposure with the highest value, if this is `EXPOSURE_LEAD` above that of the views as they are:
+    CLIP may know things better in a light like that of the pictures that it learned from.
 
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
@@ -145,7 +145,7 @@ def text_conditioned_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -
     exposures = range(1 + len(scene.exposures))
     as_it_is, *others = (_score(partial(scene.cosine, exposure=number), query, clip) for number in exposures)
     surest = max(others, key=np.max, default=as_it_is)
-    return surest if surest.max() >= as_it_is.max() + SURER else as_it_is
+    return surest if surest.max() >= as_it_is.max() + EXPOSURE_LEAD else as_it_is
 
 
 def single_view_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -> np.ndarray:

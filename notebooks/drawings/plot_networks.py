@@ -150,7 +150,7 @@ def show_pick_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[i
         widths: channels of the U-Net's levels, from the picture to the bottleneck.
     """
     rows, cols = maps["height"].shape
-    side, angles = maps["kernel"].shape[0], len(maps["scores"])
+    side = maps["kernel"].shape[0]
     picture, kernel = f"{rows}, {cols}", f"{side}, {side}"
     fig, ax = _canvas(13.3, 7.7)
     titles = ("encoder A: a U-Net", "semantic extractor: the gate M", "kernel of the phrase")
@@ -185,31 +185,7 @@ def show_pick_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[i
     _arrow(ax, (8.95, 1.2), (9.4, 1.2))
     _box(ax, (9.4, 0.75), 1.4, 0.9, "turn it 180 times;\nFourier transform\nover the turns", FIXED)
 
-    _line(ax, (8.95, 6.1), (9.5, 6.1))
-    _arrow(ax, (9.5, 6.1), (9.5, 5.0))
-    _line(ax, (8.95, 3.4), (9.5, 3.4))
-    _arrow(ax, (9.5, 3.4), (9.5, 4.5))
-    _sign(ax, (9.5, 4.75), "⊗")
-    _arrow(ax, (9.75, 4.75), (10.1, 4.75))
-    _picture(ax, maps["A ⊗ M"], (10.52, 4.75), 1.6, "φ = A ⊗ M", signed=True)
-    ax.text(10.52, 3.88, f"(3, {picture})", fontsize=8, ha="center", va="top")
-    _line(ax, (10.94, 4.75), (11.5, 4.75))
-    _arrow(ax, (11.5, 4.75), (11.5, 3.35))
-    _sign(ax, (11.5, 3.1), "★")
-    _line(ax, (10.8, 1.2), (11.5, 1.2))
-    _arrow(ax, (11.5, 1.2), (11.5, 2.85))
-    ax.text(11.58, 1.9, f"$c_0$ ... $c_8$\n(9, 3, {kernel})", fontsize=8, va="center")
-    _line(ax, (11.75, 3.1), (12.5, 3.1))
-    _arrow(ax, (12.5, 3.1), (12.5, 3.55))
-    ax.text(11.9, 3.0, f"$C_0$ ... $C_8$\n(9, {picture})", fontsize=8, va="top")
-    _box(ax, (11.8, 3.55), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
-    _arrow(ax, (12.5, 4.45), (12.5, 5.1))
-    ax.text(12.57, 4.77, f"({angles}, {picture})", fontsize=8, va="center")
-    best_angle = maps["scores"].max(axis=0)
-    _picture(ax, best_angle, (12.5, 6.1), 1.9, "score, best angle")
-    row, col = np.unravel_index(int(best_angle.argmax()), best_angle.shape)
-    at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, 6.1 - (row + 0.5 - rows / 2) * 1.9 / rows)
-    ax.plot(*at, "o", ms=13, mfc="none", mec=PICK_COLOR, mew=1.6, path_effects=OUTLINE)
+    _join(ax, maps, (6.1, 4.75, 3.55, 6.1), 10.8, ("o", PICK_COLOR))
     ax.text(12.5, 7.4, "pick: $(u, v, \\theta)$", fontsize=10, ha="center", va="center")
     _legend(ax, (0.15, 0.15))
     return fig
@@ -226,7 +202,7 @@ def show_place_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[
         channels: of the generator's inner layers, regular fields of C_8.
     """
     rows, cols = maps["height"].shape
-    side, angles = maps["kernel"].shape[0], len(maps["scores"])
+    side = maps["kernel"].shape[0]
     picture, kernel = f"{rows}, {cols}", f"{side}, {side}"
     fig, ax = _canvas(13.3, 8.0)
     titles = (
@@ -269,34 +245,52 @@ def show_place_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[
     _arrow(ax, (9.2, 1.2), (9.5, 1.2))
     _box(ax, (9.5, 0.75), 1.4, 0.9, "lift: turn it 180 times;\nFourier transform\nover the turns", FIXED)
 
-    _line(ax, (8.95, 6.45), (9.5, 6.45))
-    _arrow(ax, (9.5, 6.45), (9.5, 5.2))
-    _line(ax, (8.95, 3.4), (9.5, 3.4))
-    _arrow(ax, (9.5, 3.4), (9.5, 4.7))
-    _sign(ax, (9.5, 4.95), "⊗")
-    _arrow(ax, (9.75, 4.95), (10.1, 4.95))
-    _picture(ax, maps["A ⊗ M"], (10.52, 4.95), 1.6, "φ = A ⊗ M", signed=True)
-    ax.text(10.52, 4.08, f"(3, {picture})", fontsize=8, ha="center", va="top")
-    _line(ax, (10.94, 4.95), (11.5, 4.95))
-    _arrow(ax, (11.5, 4.95), (11.5, 3.35))
-    _sign(ax, (11.5, 3.1), "★")
-    _line(ax, (10.9, 1.2), (11.5, 1.2))
-    _arrow(ax, (11.5, 1.2), (11.5, 2.85))
-    ax.text(11.58, 1.9, f"$c_0$ ... $c_8$\n(9, 3, {kernel})", fontsize=8, va="center")
-    _line(ax, (11.75, 3.1), (12.5, 3.1))
-    _arrow(ax, (12.5, 3.1), (12.5, 3.75))
-    ax.text(11.9, 3.0, f"$C_0$ ... $C_8$\n(9, {picture})", fontsize=8, va="top")
-    _box(ax, (11.8, 3.75), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
-    _arrow(ax, (12.5, 4.65), (12.5, 5.4))
-    ax.text(12.57, 4.97, f"({angles}, {picture})", fontsize=8, va="center")
-    best_angle = maps["scores"].max(axis=0)
-    _picture(ax, best_angle, (12.5, 6.4), 1.9, "score, best angle")
-    row, col = np.unravel_index(int(best_angle.argmax()), best_angle.shape)
-    at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, 6.4 - (row + 0.5 - rows / 2) * 1.9 / rows)
-    ax.plot(*at, "s", ms=13, mfc="none", mec=PLACE_COLOR, mew=1.6, path_effects=OUTLINE)
+    _join(ax, maps, (6.45, 4.95, 3.75, 6.4), 10.9, ("s", PLACE_COLOR))
     ax.text(12.5, 7.7, "place: $(u, v, \\Delta)$", fontsize=10, ha="center", va="center")
     _legend(ax, (0.15, 0.15))
     return fig
+
+
+def _join(
+    ax: Axes, maps: dict[str, np.ndarray], heights: tuple[float, float, float, float], kernel_end: float,
+    mark: tuple[str, str],
+) -> None:  # fmt: skip
+    """What pick and place share: A and M are multiplied, correlated with the kernel, and read at all angles.
+
+    Args:
+        maps: as for `show_pick_module`.
+        heights: of A, of the product, of the lower edge of the last box, and of the score in the drawing.
+        kernel_end: where the box of the kernel's transform ends.
+        mark: the marker and the colour of the best pixel.
+    """
+    encoder, product, last, score = heights
+    angles, rows, cols = maps["scores"].shape
+    side, picture = maps["kernel"].shape[0], f"{rows}, {cols}"
+    _line(ax, (8.95, encoder), (9.5, encoder))
+    _arrow(ax, (9.5, encoder), (9.5, product + 0.25))
+    _line(ax, (8.95, 3.4), (9.5, 3.4))
+    _arrow(ax, (9.5, 3.4), (9.5, product - 0.25))
+    _sign(ax, (9.5, product), "⊗")
+    _arrow(ax, (9.75, product), (10.1, product))
+    _picture(ax, maps["A ⊗ M"], (10.52, product), 1.6, "φ = A ⊗ M", signed=True)
+    ax.text(10.52, product - 0.87, f"(3, {picture})", fontsize=8, ha="center", va="top")
+    _line(ax, (10.94, product), (11.5, product))
+    _arrow(ax, (11.5, product), (11.5, 3.35))
+    _sign(ax, (11.5, 3.1), "★")
+    _line(ax, (kernel_end, 1.2), (11.5, 1.2))
+    _arrow(ax, (11.5, 1.2), (11.5, 2.85))
+    ax.text(11.58, 1.9, f"$c_0$ ... $c_8$\n(9, 3, {side}, {side})", fontsize=8, va="center")
+    _line(ax, (11.75, 3.1), (12.5, 3.1))
+    _arrow(ax, (12.5, 3.1), (12.5, last))
+    ax.text(11.9, 3.0, f"$C_0$ ... $C_8$\n(9, {picture})", fontsize=8, va="top")
+    _box(ax, (11.8, last), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
+    _arrow(ax, (12.5, last + 0.9), (12.5, score - 1.0))
+    ax.text(12.57, last + 1.22, f"({angles}, {picture})", fontsize=8, va="center")
+    best_angle = maps["scores"].max(axis=0)
+    _picture(ax, best_angle, (12.5, score), 1.9, "score, best angle")
+    row, col = np.unravel_index(int(best_angle.argmax()), best_angle.shape)
+    at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, score - (row + 0.5 - rows / 2) * 1.9 / rows)
+    ax.plot(*at, mark[0], ms=13, mfc="none", mec=mark[1], mew=1.6, path_effects=OUTLINE)
 
 
 def _canvas(width: float, height: float) -> tuple[Figure, Axes]:
