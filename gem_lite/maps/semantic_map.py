@@ -136,8 +136,8 @@ def text_conditioned_map(scene: SceneEmbedding, query: ThingQuery, clip: Clip) -
     """M_text (Eq. 1): every view's patches scored against a query, fused from above by point cloud.
 
     A picture may stand in the phrase's place; then the scale is that of pictures. Of a scene with several exposures,
-    the map is that of the exposure with the highest value, if this is `EXPOSURE_LEAD` above that of the views as they are:
-    CLIP may know things better in a light like that of the pictures that it learned from.
+    the map is that of the exposure with the highest value, if this is `EXPOSURE_LEAD` above that of the views as they
+    are: CLIP may know things better in a light like that of the pictures that it learned from.
 
     Returns:
         (H, W) float32; about 0 where nothing matches and 1 on a match, by the CLIP's calibration.
