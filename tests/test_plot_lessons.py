@@ -12,6 +12,7 @@ from drawings import (
     plot_many_tasks,
     plot_networks,
     plot_other_eyes,
+    plot_overview,
     plot_panels,
     plot_pick,
     plot_picture_prompts,
@@ -25,7 +26,9 @@ from summaries import Score
 
 from gem_lite import clip
 from gem_lite.actions import PickPlace, Push
+from gem_lite.maps.patches import PatchEmbeddings, PatchGrid
 from gem_lite.policies.inputs import RGBD, Sample
+from gem_lite.rgbd.camera import View, camera_looking_at
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.steerable import disc
 
@@ -303,3 +306,29 @@ def test_the_stages_ring_the_best_pixel():
     ring = next(line for ax in axes for line in ax.lines if line.get_marker() == "o")
     _, row, col = np.unravel_index(LOGITS.argmax(), LOGITS.shape)
     assert (ring.get_xdata()[0], ring.get_ydata()[0]) == pytest.approx((col, row), abs=1e-6)
+
+
+def test_the_semantic_module_says_the_shapes_of_its_arrows_and_writes_every_phrase():
+    camera = camera_looking_at("front", (1.2, 0.0, 0.7), (0.5, 0.0, 0.0))
+    view = View(camera, np.full((*camera.size, 3), 90, np.uint8), np.ones(camera.size, np.float32))
+    grid = PatchGrid(camera.size, 20, 10)
+    count = [len(starts) for starts in grid.starts()]
+    side = PatchEmbeddings(grid, torch.zeros(*count, 8))
+    top = PatchEmbeddings(PatchGrid(W.shape, 20, 5), torch.zeros(29, 13, 8))
+    drawn_maps = {name: np.ones(W.shape) for name in ("text", "image", "blend")} | {"colour": PICTURE}
+    crops = [(name, PICTURE[:20, :20]) for name in ("gizmo", "mug", "hat", "fork")]
+    view_maps = [np.ones(camera.size)] * 3
+    figure = plot_overview.show_semantic_module([view] * 3, [side] * 3, view_maps, drawn_maps, crops, "gizmo", top, W)
+    texts = " ".join(text.get_text() for text in figure.axes[0].texts)
+    expected = (f"({count[0]}, {count[1]}, 8)", "(29, 13, 8)", "(160, 80, 3)", "(1, 8)", "(4, 8)", "20 pixels")
+    assert all(shape in texts for shape in expected)
+    assert all(f'"{name}"' in texts for name, _ in crops)
+
+
+def test_generalization_frames_demonstrations_and_tests_in_two_colours():
+    panels = [Panel(f"panel {i}", "say", PICTURE, PickPlace(POSE, OTHER), f"note {i}") for i in range(3)]
+    axes = plot_overview.show_generalization([("new colours", panels), ("new shapes", panels)], W).axes
+    frames = [to_rgba(ax.spines["left"].get_edgecolor()) for ax in axes]
+    yellow, green = map(to_rgba, (plot_overview.DEMONSTRATED, plot_overview.TESTED))
+    assert frames == [yellow, green, green] * 2
+    assert [ax.get_xlabel() for ax in axes] == [f"note {i}" for i in range(3)] * 2

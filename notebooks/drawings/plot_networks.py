@@ -5,22 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import matplotlib.pyplot as plt
 import numpy as np
-from drawings.plot_kernels import SIGNED
+from drawings.boxes import FIXED, LEARNED, Point, arrow, box, canvas, inset, legend, line, sign
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
+from matplotlib.patches import Rectangle
 
-from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR
-
-LEARNED, FIXED = "#fbe3c0", "#dcecf7"
-"""Boxes with weights that GEM learns (light orange), and without (light blue)."""
+from gem_lite.drawing.plots import OUTLINE, PICK_COLOR, PLACE_COLOR
 
 OURS, THEIRS = "#0072b2", "#b34700"
 """Sizes of the embedded CLIP (blue), and of OpenAI's ViT-B/32 (dark orange)."""
-
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -77,46 +71,46 @@ def show_towers(phrase: str, tokens: Sequence[str], picture: np.ndarray, cosine:
     ours = EMBEDDED
     theirs = VIT_B_32
     count = len(tokens)
-    fig, ax = _canvas(13.6, 6.0)
+    fig, ax = canvas(13.6, 6.0)
     ax.text(0.1, 5.75, "text tower", fontsize=11, fontweight="bold", va="center")
     ax.text(0.1, 2.65, "image tower", fontsize=11, fontweight="bold", va="center")
 
-    _box(ax, (0.1, 4.1), 1.3, 0.8, f'"{phrase}"', "white")
-    _arrow(ax, (1.4, 4.5), (2.5, 4.5), "tokenizer")
+    box(ax, (0.1, 4.1), 1.3, 0.8, f'"{phrase}"', "white")
+    arrow(ax, (1.4, 4.5), (2.5, 4.5), "tokenizer")
     _sizes(ax, (1.95, 4.4), f"{ours.vocabulary:,} tokens", f"{theirs.vocabulary:,} tokens")
     for i, token in enumerate(tokens):
-        _box(ax, (2.5, 4.5 + 0.36 * (count / 2 - i - 1)), 1.0, 0.32, token.replace("Ġ", "␣"), "white")
+        box(ax, (2.5, 4.5 + 0.36 * (count / 2 - i - 1)), 1.0, 0.32, token.replace("Ġ", "␣"), "white")
     _two_sizes(ax, (3.5, 4.5), (4.5, 4.5), f"({count},)", "(n,)")
-    _box(ax, (4.5, 4.05), 1.6, 0.9, "look up a vector for\neach token, and one\nfor its position", FIXED)
+    box(ax, (4.5, 4.05), 1.6, 0.9, "look up a vector for\neach token, and one\nfor its position", FIXED)
     _two_sizes(ax, (6.1, 4.5), (7.1, 4.5), f"({count}, {ours.text_width})", f"(n, {theirs.text_width})")
-    _box(ax, (7.1, 3.85), 1.9, 1.3, "", FIXED)
+    box(ax, (7.1, 3.85), 1.9, 1.3, "", FIXED)
     ax.text(8.05, 4.85, "transformer", fontsize=8, ha="center", va="center")
     ax.text(8.05, 4.5, _layers(ours), fontsize=8, ha="center", va="center", color=OURS)
     ax.text(8.05, 4.15, _layers(theirs), fontsize=8, ha="center", va="center", color=THEIRS)
     _two_sizes(ax, (9.0, 4.5), (10.0, 4.5), f"({count}, {ours.text_width})", f"(n, {theirs.text_width})")
-    _box(ax, (10.0, 4.05), 1.2, 0.9, "take the last\none, <eos>;\nlinear layer", FIXED)
+    box(ax, (10.0, 4.05), 1.2, 0.9, "take the last\none, <eos>;\nlinear layer", FIXED)
     _two_sizes(ax, (11.2, 4.5), (12.2, 4.5), f"({ours.dim},)", f"({theirs.dim},)")
-    _box(ax, (12.2, 4.2), 1.1, 0.6, "length 1: $\\mathcal{E}_\\ell$", FIXED)
+    box(ax, (12.2, 4.2), 1.1, 0.6, "length 1: $\\mathcal{E}_\\ell$", FIXED)
 
-    _picture(ax, picture, (0.75, 1.4), 1.3, "one patch")
+    inset(ax, picture, (0.75, 1.4), 1.3, "one patch")
     _two_sizes(
         ax, (1.4, 1.4), (2.7, 1.4), f"(3, {ours.pixels}, {ours.pixels})", f"(3, {theirs.pixels}, {theirs.pixels})"
     )
-    _box(ax, (2.7, 0.65), 3.4, 1.5, "", FIXED)
+    box(ax, (2.7, 0.65), 3.4, 1.5, "", FIXED)
     ax.text(4.4, 1.83, ours.image_tower, fontsize=8, ha="center", va="center", color=OURS)
     ax.text(4.4, 1.07, theirs.image_tower, fontsize=8, ha="center", va="center", color=THEIRS)
     _two_sizes(ax, (6.1, 1.4), (7.1, 1.4), str(ours.features), str(theirs.features))
-    _box(ax, (7.1, 0.95), 1.9, 0.9, "", FIXED)
+    box(ax, (7.1, 0.95), 1.9, 0.9, "", FIXED)
     ax.text(8.05, 1.58, ours.pooled, fontsize=8, ha="center", va="center", color=OURS)
     ax.text(8.05, 1.22, theirs.pooled, fontsize=8, ha="center", va="center", color=THEIRS)
     _two_sizes(ax, (9.0, 1.4), (10.0, 1.4), f"({ours.image_width},)", f"({theirs.image_width},)")
-    _box(ax, (10.0, 1.1), 1.2, 0.6, "linear layer", FIXED)
+    box(ax, (10.0, 1.1), 1.2, 0.6, "linear layer", FIXED)
     _two_sizes(ax, (11.2, 1.4), (12.2, 1.4), f"({ours.dim},)", f"({theirs.dim},)")
-    _box(ax, (12.2, 1.1), 1.1, 0.6, "length 1: $\\mathcal{E}^{patch}$", FIXED)
+    box(ax, (12.2, 1.1), 1.1, 0.6, "length 1: $\\mathcal{E}^{patch}$", FIXED)
 
-    _arrow(ax, (12.75, 4.2), (12.75, 3.35))
-    _arrow(ax, (12.75, 1.7), (12.75, 2.55))
-    _box(ax, (11.95, 2.55), 1.6, 0.8, f"cosine: multiply\nand add\n{cosine:.2f}", "white")
+    arrow(ax, (12.75, 4.2), (12.75, 3.35))
+    arrow(ax, (12.75, 1.7), (12.75, 2.55))
+    box(ax, (11.95, 2.55), 1.6, 0.8, f"cosine: multiply\nand add\n{cosine:.2f}", "white")
     ax.text(0.1, 0.15, "blue: the embedded CLIP", fontsize=9, color=OURS, va="center")
     ax.text(2.3, 0.15, "orange: OpenAI's ViT-B/32, with n of at most 77 tokens", fontsize=9, color=THEIRS, va="center")
     return fig
@@ -134,7 +128,7 @@ def _sizes(ax: Axes, middle: Point, ours: str, theirs: str) -> None:
 
 def _two_sizes(ax: Axes, start: Point, end: Point, ours: str, theirs: str) -> None:
     """An arrow with the shape in both CLIPs: the embedded one's above, the other one's below."""
-    _arrow(ax, start, end)
+    arrow(ax, start, end)
     x = (start[0] + end[0]) / 2
     ax.text(x, start[1] + 0.07, ours, fontsize=8, ha="center", va="bottom", color=OURS)
     ax.text(x, start[1] - 0.07, theirs, fontsize=8, ha="center", va="top", color=THEIRS)
@@ -152,42 +146,42 @@ def show_pick_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[i
     rows, cols = maps["height"].shape
     side = maps["kernel"].shape[0]
     picture, kernel = f"{rows}, {cols}", f"{side}, {side}"
-    fig, ax = _canvas(13.3, 7.7)
+    fig, ax = canvas(13.3, 7.7)
     titles = ("encoder A: a U-Net", "semantic extractor: the gate M", "kernel of the phrase")
     for title, y in zip(titles, (7.52, 4.75, 2.15), strict=True):
         ax.text(2.05, y, title, fontsize=11, fontweight="bold", va="center")
 
-    _picture(ax, maps["colour"], (0.6, 6.1), 1.6, "o: colour")
-    _picture(ax, maps["height"], (1.5, 6.1), 1.6, "o: height")
-    _arrow(ax, (1.95, 6.1), (2.95, 6.1), f"(4, {picture})")
+    inset(ax, maps["colour"], (0.6, 6.1), 1.6, "o: colour")
+    inset(ax, maps["height"], (1.5, 6.1), 1.6, "o: height")
+    arrow(ax, (1.95, 6.1), (2.95, 6.1), f"(4, {picture})")
     neck = _u_net(ax, (3.0, 6.1), 4.0, widths, (rows, cols))
-    _arrow(ax, (6.9, 6.1), (8.05, 6.1), f"(3, {picture})")
-    _picture(ax, maps["A"], (8.5, 6.1), 1.6, "A", signed=True)
+    arrow(ax, (6.9, 6.1), (8.05, 6.1), f"(3, {picture})")
+    inset(ax, maps["A"], (8.5, 6.1), 1.6, "A", signed=True)
 
-    _picture(ax, maps["raw map"], (0.6, 3.4), 1.6, "raw map (Eq. 1-4)")
-    _arrow(ax, (1.05, 3.2), (5.4, 3.2), f"(1, {picture})", at=0.3)
-    _line(ax, (1.5, 5.3), (1.5, 3.8))
-    _arrow(ax, (1.5, 3.8), (5.4, 3.8), f"height (1, {picture})", at=0.22)
+    inset(ax, maps["raw map"], (0.6, 3.4), 1.6, "raw map (Eq. 1-4)")
+    arrow(ax, (1.05, 3.2), (5.4, 3.2), f"(1, {picture})", at=0.3)
+    line(ax, (1.5, 5.3), (1.5, 3.8))
+    arrow(ax, (1.5, 3.8), (5.4, 3.8), f"height (1, {picture})", at=0.22)
     refiner = (
         "refiner $f_\\theta$ (Eq. 4):\ntwo 3 x 3 convolutions\non the height; one linear\nlayer a pixel joins both"
     )
-    _box(ax, (5.4, 2.8), 1.7, 1.35, refiner, LEARNED)
-    _arrow(ax, (7.1, 3.4), (8.05, 3.4), f"(3, {picture})")
-    _picture(ax, maps["M"], (8.5, 3.4), 1.6, "M", signed=True)
+    box(ax, (5.4, 2.8), 1.7, 1.35, refiner, LEARNED)
+    arrow(ax, (7.1, 3.4), (8.05, 3.4), f"(3, {picture})")
+    inset(ax, maps["M"], (8.5, 3.4), 1.6, "M", signed=True)
 
-    _box(ax, (0.15, 0.75), 1.6, 0.9, "phrase: CLIP's\ntext embedding,\nlocation words", FIXED)
-    _arrow(ax, (1.75, 1.2), (5.4, 1.2), f"words ({words},)", at=0.3)
-    _arrow(ax, (neck[0], 1.2), neck)
+    box(ax, (0.15, 0.75), 1.6, 0.9, "phrase: CLIP's\ntext embedding,\nlocation words", FIXED)
+    arrow(ax, (1.75, 1.2), (5.4, 1.2), f"words ({words},)", at=0.3)
+    arrow(ax, (neck[0], 1.2), neck)
     generator = f"words and place in\neach of {side} x {side} cells;\na smaller U-Net"
-    _box(ax, (5.4, 0.75), 1.7, 0.9, generator, LEARNED)
-    _arrow(ax, (7.1, 1.2), (8.05, 1.2), f"(3, {kernel})")
-    _picture(ax, maps["kernel"], (8.5, 1.2), 0.9, "κ", signed=True)
-    _arrow(ax, (8.95, 1.2), (9.4, 1.2))
-    _box(ax, (9.4, 0.75), 1.4, 0.9, "turn it 180 times;\nFourier transform\nover the turns", FIXED)
+    box(ax, (5.4, 0.75), 1.7, 0.9, generator, LEARNED)
+    arrow(ax, (7.1, 1.2), (8.05, 1.2), f"(3, {kernel})")
+    inset(ax, maps["kernel"], (8.5, 1.2), 0.9, "κ", signed=True)
+    arrow(ax, (8.95, 1.2), (9.4, 1.2))
+    box(ax, (9.4, 0.75), 1.4, 0.9, "turn it 180 times;\nFourier transform\nover the turns", FIXED)
 
     _join(ax, maps, (6.1, 4.75, 3.55, 6.1), 10.8, ("o", PICK_COLOR))
     ax.text(12.5, 7.4, "pick: $(u, v, \\theta)$", fontsize=10, ha="center", va="center")
-    _legend(ax, (0.15, 0.15))
+    legend(ax, (0.15, 0.15))
     return fig
 
 
@@ -204,7 +198,7 @@ def show_place_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[
     rows, cols = maps["height"].shape
     side = maps["kernel"].shape[0]
     picture, kernel = f"{rows}, {cols}", f"{side}, {side}"
-    fig, ax = _canvas(13.3, 8.0)
+    fig, ax = canvas(13.3, 8.0)
     titles = (
         "encoder A: a U-Net",
         "semantic extractor: the gate M",
@@ -213,41 +207,41 @@ def show_place_module(maps: dict[str, np.ndarray], words: int, widths: Sequence[
     for title, y in zip(titles, (7.82, 4.6, 2.2), strict=True):
         ax.text(2.05, y, title, fontsize=11, fontweight="bold", va="center")
 
-    _picture(ax, maps["colour"], (0.6, 6.45), 1.6, "o: colour")
-    _picture(ax, maps["height"], (1.5, 6.45), 1.6, "o: height")
-    _arrow(ax, (1.95, 6.45), (2.95, 6.45), f"(4, {picture})")
+    inset(ax, maps["colour"], (0.6, 6.45), 1.6, "o: colour")
+    inset(ax, maps["height"], (1.5, 6.45), 1.6, "o: height")
+    arrow(ax, (1.95, 6.45), (2.95, 6.45), f"(4, {picture})")
     neck = _u_net(ax, (3.0, 6.45), 4.0, widths, (rows, cols))
-    _arrow(ax, (6.9, 6.45), (8.05, 6.45), f"(3, {picture})")
-    _picture(ax, maps["A"], (8.5, 6.45), 1.6, "A", signed=True)
-    _box(ax, (0.15, 4.85), 1.9, 0.6, "place phrase: CLIP's\nembedding, location words", FIXED)
-    _line(ax, (2.05, 5.15), (neck[0], 5.15))
-    _arrow(ax, (neck[0], 5.15), neck)
+    arrow(ax, (6.9, 6.45), (8.05, 6.45), f"(3, {picture})")
+    inset(ax, maps["A"], (8.5, 6.45), 1.6, "A", signed=True)
+    box(ax, (0.15, 4.85), 1.9, 0.6, "place phrase: CLIP's\nembedding, location words", FIXED)
+    line(ax, (2.05, 5.15), (neck[0], 5.15))
+    arrow(ax, (neck[0], 5.15), neck)
     ax.text(2.5, 5.21, f"words ({words},)", fontsize=8, ha="center", va="bottom")
 
-    _picture(ax, maps["raw map"], (0.6, 3.4), 1.6, "raw map (Eq. 1-4)")
-    _arrow(ax, (1.05, 3.2), (5.4, 3.2), f"(1, {picture})", at=0.3)
-    _line(ax, (1.5, 5.65), (1.5, 5.45))
-    _line(ax, (1.5, 4.85), (1.5, 3.8))
-    _arrow(ax, (1.5, 3.8), (5.4, 3.8), f"height (1, {picture})", at=0.22)
-    _box(ax, (5.4, 2.9), 1.7, 1.15, "refiner $f_\\theta$ (Eq. 4),\nas in the pick", LEARNED)
-    _arrow(ax, (7.1, 3.4), (8.05, 3.4), f"(3, {picture})")
-    _picture(ax, maps["M"], (8.5, 3.4), 1.6, "M", signed=True)
+    inset(ax, maps["raw map"], (0.6, 3.4), 1.6, "raw map (Eq. 1-4)")
+    arrow(ax, (1.05, 3.2), (5.4, 3.2), f"(1, {picture})", at=0.3)
+    line(ax, (1.5, 5.65), (1.5, 5.45))
+    line(ax, (1.5, 4.85), (1.5, 3.8))
+    arrow(ax, (1.5, 3.8), (5.4, 3.8), f"height (1, {picture})", at=0.22)
+    box(ax, (5.4, 2.9), 1.7, 1.15, "refiner $f_\\theta$ (Eq. 4),\nas in the pick", LEARNED)
+    arrow(ax, (7.1, 3.4), (8.05, 3.4), f"(3, {picture})")
+    inset(ax, maps["M"], (8.5, 3.4), 1.6, "M", signed=True)
 
-    _picture(ax, maps["crop"], (0.7, 1.2), 1.1, "c: crop at the pick")
+    inset(ax, maps["crop"], (0.7, 1.2), 1.1, "c: crop at the pick")
     layers = ("5 trivial\n→ regular", "regular\n→ regular", "regular\n→ regular", "regular\n→ 3 trivial")
     start, passed = 1.25, f"(5, {kernel})"
     for layer in layers:
-        _arrow(ax, (start, 1.2), (start + 0.78, 1.2), passed)
-        _box(ax, (start + 0.78, 0.85), 0.8, 0.7, layer, LEARNED)
+        arrow(ax, (start, 1.2), (start + 0.78, 1.2), passed)
+        box(ax, (start + 0.78, 0.85), 0.8, 0.7, layer, LEARNED)
         start, passed = start + 1.58, f"({channels}, {kernel})"
-    _arrow(ax, (start, 1.2), (8.3, 1.2), f"(3, {kernel})")
-    _picture(ax, maps["kernel"], (8.75, 1.2), 0.9, "ψ(c)", signed=True)
-    _arrow(ax, (9.2, 1.2), (9.5, 1.2))
-    _box(ax, (9.5, 0.75), 1.4, 0.9, "lift: turn it 180 times;\nFourier transform\nover the turns", FIXED)
+    arrow(ax, (start, 1.2), (8.3, 1.2), f"(3, {kernel})")
+    inset(ax, maps["kernel"], (8.75, 1.2), 0.9, "ψ(c)", signed=True)
+    arrow(ax, (9.2, 1.2), (9.5, 1.2))
+    box(ax, (9.5, 0.75), 1.4, 0.9, "lift: turn it 180 times;\nFourier transform\nover the turns", FIXED)
 
     _join(ax, maps, (6.45, 4.95, 3.75, 6.4), 10.9, ("s", PLACE_COLOR))
     ax.text(12.5, 7.7, "place: $(u, v, \\Delta)$", fontsize=10, ha="center", va="center")
-    _legend(ax, (0.15, 0.15))
+    legend(ax, (0.15, 0.15))
     return fig
 
 
@@ -266,75 +260,31 @@ def _join(
     encoder, product, last, score = heights
     angles, rows, cols = maps["scores"].shape
     side, picture = maps["kernel"].shape[0], f"{rows}, {cols}"
-    _line(ax, (8.95, encoder), (9.5, encoder))
-    _arrow(ax, (9.5, encoder), (9.5, product + 0.25))
-    _line(ax, (8.95, 3.4), (9.5, 3.4))
-    _arrow(ax, (9.5, 3.4), (9.5, product - 0.25))
-    _sign(ax, (9.5, product), "⊗")
-    _arrow(ax, (9.75, product), (10.1, product))
-    _picture(ax, maps["A ⊗ M"], (10.52, product), 1.6, "φ = A ⊗ M", signed=True)
+    line(ax, (8.95, encoder), (9.5, encoder))
+    arrow(ax, (9.5, encoder), (9.5, product + 0.25))
+    line(ax, (8.95, 3.4), (9.5, 3.4))
+    arrow(ax, (9.5, 3.4), (9.5, product - 0.25))
+    sign(ax, (9.5, product), "⊗")
+    arrow(ax, (9.75, product), (10.1, product))
+    inset(ax, maps["A ⊗ M"], (10.52, product), 1.6, "φ = A ⊗ M", signed=True)
     ax.text(10.52, product - 0.87, f"(3, {picture})", fontsize=8, ha="center", va="top")
-    _line(ax, (10.94, product), (11.5, product))
-    _arrow(ax, (11.5, product), (11.5, 3.35))
-    _sign(ax, (11.5, 3.1), "★")
-    _line(ax, (kernel_end, 1.2), (11.5, 1.2))
-    _arrow(ax, (11.5, 1.2), (11.5, 2.85))
+    line(ax, (10.94, product), (11.5, product))
+    arrow(ax, (11.5, product), (11.5, 3.35))
+    sign(ax, (11.5, 3.1), "★")
+    line(ax, (kernel_end, 1.2), (11.5, 1.2))
+    arrow(ax, (11.5, 1.2), (11.5, 2.85))
     ax.text(11.58, 1.9, f"$c_0$ ... $c_8$\n(9, 3, {side}, {side})", fontsize=8, va="center")
-    _line(ax, (11.75, 3.1), (12.5, 3.1))
-    _arrow(ax, (12.5, 3.1), (12.5, last))
+    line(ax, (11.75, 3.1), (12.5, 3.1))
+    arrow(ax, (12.5, 3.1), (12.5, last))
     ax.text(11.9, 3.0, f"$C_0$ ... $C_8$\n(9, {picture})", fontsize=8, va="top")
-    _box(ax, (11.8, last), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
-    _arrow(ax, (12.5, last + 0.9), (12.5, score - 1.0))
+    box(ax, (11.8, last), 1.4, 0.9, f"inverse transform,\nread at {angles} angles;\none softmax", FIXED)
+    arrow(ax, (12.5, last + 0.9), (12.5, score - 1.0))
     ax.text(12.57, last + 1.22, f"({angles}, {picture})", fontsize=8, va="center")
     best_angle = maps["scores"].max(axis=0)
-    _picture(ax, best_angle, (12.5, score), 1.9, "score, best angle")
+    inset(ax, best_angle, (12.5, score), 1.9, "score, best angle")
     row, col = np.unravel_index(int(best_angle.argmax()), best_angle.shape)
     at = (12.5 + (col + 0.5 - cols / 2) * 1.9 / rows, score - (row + 0.5 - rows / 2) * 1.9 / rows)
     ax.plot(*at, mark[0], ms=13, mfc="none", mec=mark[1], mew=1.6, path_effects=OUTLINE)
-
-
-def _canvas(width: float, height: float) -> tuple[Figure, Axes]:
-    """An empty drawing whose units are inches."""
-    fig, ax = plt.subplots(figsize=(width, height), dpi=80)
-    fig.subplots_adjust(0, 0, 1, 1)
-    ax.axis("off")
-    ax.set(xlim=(0, width), ylim=(0, height), autoscale_on=False)
-    return fig, ax
-
-
-def _box(ax: Axes, corner: Point, width: float, height: float, text: str, color: str) -> None:
-    """What is computed; ``corner`` is the lower left one."""
-    ax.add_patch(
-        FancyBboxPatch(corner, width, height, boxstyle="round,pad=0,rounding_size=0.08", fc=color, ec="0.3", lw=1)
-    )
-    ax.text(corner[0] + width / 2, corner[1] + height / 2, text, fontsize=8, ha="center", va="center")
-
-
-def _arrow(ax: Axes, start: Point, end: Point, label: str = "", at: float = 0.5) -> None:
-    """An arrow; its label stands above the part ``at`` of its way."""
-    ax.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": "0.2", "lw": 1.2, "shrinkA": 0, "shrinkB": 0})
-    x, y = (a + at * (b - a) for a, b in zip(start, end, strict=True))
-    ax.text(x, y + 0.06, label, fontsize=8, ha="center", va="bottom")
-
-
-def _line(ax: Axes, *points: Point) -> None:
-    ax.plot(*zip(*points, strict=True), color="0.2", lw=1.2, solid_capstyle="butt")
-
-
-def _sign(ax: Axes, middle: Point, text: str) -> None:
-    ax.text(*middle, text, fontsize=19, ha="center", va="center", bbox={"boxstyle": "circle,pad=0.05", "fc": "white"})
-
-
-def _picture(ax: Axes, values: np.ndarray, middle: Point, height: float, title: str, signed: bool = False) -> None:
-    """A picture (H, W, 3) or a map (H, W), on a scale of its own, under its title."""
-    rows, cols = values.shape[:2]
-    half = height / 2
-    width = half * cols / rows
-    (x, y), top = middle, np.nanmax(np.abs(values))
-    scale = {"cmap": SIGNED, "vmin": -top, "vmax": top} if signed else {"cmap": MAP_COLORS, "vmin": np.nanmin(values)}
-    ax.imshow(values, extent=(x - width, x + width, y - half, y + half), **scale)
-    ax.add_patch(Rectangle((x - width, y - half), 2 * width, height, fill=False, ec="0.3", lw=0.8))
-    ax.text(x, y + half + 0.06, title, fontsize=9, ha="center", va="bottom")
 
 
 def _u_net(ax: Axes, start: Point, length: float, widths: Sequence[int], shape: tuple[int, int]) -> Point:
@@ -360,12 +310,5 @@ def _u_net(ax: Axes, start: Point, length: float, widths: Sequence[int], shape: 
             mirror = x + length - (middle - x) - 0.26 * step
             top = y + height / 2
             above = y + 1.23 - 0.07 * level
-            _line(ax, (middle, top), (middle, above), (mirror, above), (mirror, top))
+            line(ax, (middle, top), (middle, above), (mirror, above), (mirror, top))
     return x + length / 2 - 0.13 * step, y - 1.9 * 0.72 ** (count // 2) / 2
-
-
-def _legend(ax: Axes, corner: Point) -> None:
-    for i, (color, text) in enumerate(((LEARNED, "has weights that GEM learns"), (FIXED, "learns nothing here"))):
-        x = corner[0] + 2.4 * i
-        ax.add_patch(Rectangle((x, corner[1]), 0.22, 0.16, fc=color, ec="0.3", lw=0.8))
-        ax.text(x + 0.3, corner[1] + 0.08, text, fontsize=8, va="center")

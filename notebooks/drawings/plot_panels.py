@@ -51,11 +51,11 @@ def show_panels(panels: Sequence[Panel], workspace: Workspace, columns: int = 5)
         ax.set_title(f"{panel.title}\n{sentence}" + "\n" * lines, fontsize=8)
         ax.set_xlabel(panel.note, fontsize=8)
         if panel.action is not None:
-            _draw_action(ax, panel.action, workspace)
+            draw_action(ax, panel.action, workspace)
     return fig
 
 
-def _draw_action(ax: Axes, action: Action, workspace: Workspace) -> None:
+def draw_action(ax: Axes, action: Action, workspace: Workspace) -> None:
     """Pick and place as grippers; a push as an arrow."""
     height, width = workspace.shape
     if isinstance(action, Push):
