@@ -1,6 +1,7 @@
 """Rules of acting: near the peak of a map, empty picks, acts that change nothing, what a trained policy may change."""
 
 import dataclasses
+import math
 import types
 
 import numpy as np
@@ -271,3 +272,11 @@ def test_the_best_cells_lie_apart_and_a_probability_sums_over_what_is_allowed():
     assert len(best_cells(logits, allowed, 8)) == 2
     first, second = (log_probability(logits, allowed, 0, cell) for cell in ((0, 40, 40), (0, 90, 10)))
     assert first - second == pytest.approx(2.0) and np.exp(first) + np.exp(second) == pytest.approx(1.0)
+
+
+def test_the_yaws_of_an_action_are_plain_numbers_within_one_turn(monkeypatch):
+    last = SMALL.angles - 1
+    choice = choose(policy_of(), monkeypatch, scores_at((last, 40, 40, 1.0)), scores_at((last, 20, 20, 1.0)))
+    assert choice.action.pick.yaw == pytest.approx(math.tau * last / SMALL.angles)
+    assert choice.action.place.yaw == pytest.approx(math.tau * (last - 1) / SMALL.angles)
+    assert "float64" not in repr(choice.action)

@@ -214,6 +214,16 @@ def test_every_world_has_a_client_of_its_own_and_may_be_closed_twice():
             second.step(MOVE)
 
 
+def test_a_closed_world_says_that_it_is_closed():
+    world, task = World(), tasks.make("put-block-in-bowl-seen-colors")
+    world.reset(task, 0)
+    world.close()
+    with pytest.raises(RuntimeError, match="the world is closed: make a new one"):
+        world.reset(task, 0)
+    with pytest.raises(RuntimeError, match="no task"):
+        world.step(MOVE)
+
+
 def test_reward_is_the_change_of_the_score(blind, stage):
     def right_half(poses):
         return sum(pose.y < 0 for pose, _ in poses) / len(poses)

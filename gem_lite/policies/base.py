@@ -8,6 +8,7 @@ action, and from the demonstration to the loss.
 from __future__ import annotations
 
 import itertools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -408,10 +409,11 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
             self.train(training)
         act = max(acts, key=lambda act: act.log_probability)
         workspace = self.config.workspace
-        pick = Pose2(*workspace.to_world(*act.pick_cell[1:]), angle_bins(pick_logits.shape[1])[act.pick_cell[0]])
+        pick_yaw = float(angle_bins(pick_logits.shape[1])[act.pick_cell[0]])
+        pick = Pose2(*workspace.to_world(*act.pick_cell[1:]), pick_yaw)
         # Δ turns the object from its present yaw, so the gripper ends at its pick yaw + Δ.
-        delta = angle_bins(act.place_logits.shape[1])[act.place_cell[0]]
-        place = Pose2(*workspace.to_world(*act.place_cell[1:]), pick.yaw + delta)
+        delta = float(angle_bins(act.place_logits.shape[1])[act.place_cell[0]])
+        place = Pose2(*workspace.to_world(*act.place_cell[1:]), (pick_yaw + delta) % math.tau)
         return TablesChoice(
             instruction, queries, tuple(heightmaps), collate(tables), pick_logits.numpy(), act.place_logits.numpy(),
             act.pick_table, act.pick_cell, pick, act.place_table, act.place_cell, place,

@@ -142,6 +142,7 @@ class Environment(ABC):
         if self.client >= 0:
             p.disconnect(self.client)
             self.client = -1
+            self._task = None
 
     # Episodes
 
@@ -158,7 +159,9 @@ class Environment(ABC):
         return self.observe()
 
     def begin(self, task: PlayedTask, seed: int) -> None:
-        """`reset` without pictures."""
+        """`reset` without pictures. Raises RuntimeError after `close`."""
+        if self.client < 0:
+            raise RuntimeError("the world is closed: make a new one")
         self.workspace = task.workspace
         self._seed = seed
         self.light = self.style.lamp.draw(self.style.light, self._random(LAMP_STREAM))
