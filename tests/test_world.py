@@ -214,6 +214,25 @@ def test_every_world_has_a_client_of_its_own_and_may_be_closed_twice():
             second.step(MOVE)
 
 
+@pytest.mark.parametrize(("beside", "holds"), [(0.0, True), (0.0005, True), (0.0045, False)])
+def test_a_narrow_suction_holds_no_cube_beside_its_tip(beside, holds):
+    with World(style=looks.style("narrow-suction")) as world:
+        world.clear(world.style.tool("suction"))
+        world.add(cube(Pose2(0.5, 0.0), 0.04)(world.client))
+        assert world.effector.pick(Pose2(0.52 + beside, 0.0), world.bodies) is holds
+        if holds:
+            world.effector.place(THERE)
+    assert looks.style("narrow-suction").tool("spatula") == "spatula"
+
+
+def test_of_two_touched_bodies_a_narrow_suction_tries_the_nearer_one_first():
+    with World() as world:
+        world.clear("narrow-suction")
+        far, near = (world.add(cube(Pose2(0.5, y), 0.04)(world.client)) for y in (0.0219, -0.0212))
+        world.effector._move(np.array([0.5, 0.0, 0.03]), 0.0)
+        assert world.effector.in_order({far.id, near.id}) == [near.id, far.id]
+
+
 def test_a_closed_world_says_that_it_is_closed():
     world, task = World(), tasks.make("put-block-in-bowl-seen-colors")
     world.reset(task, 0)

@@ -9,7 +9,7 @@ A task names its effector. A program outside the library registers its own in th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -39,6 +39,8 @@ Log = Callable[[GripperState], None]
 """Called with a state of a gripper."""
 TIP_RADIUS = 0.005
 TIP_LENGTH = 0.03
+NARROW_TIP_RADIUS = 0.001
+"""That of CLIPort's suction tip: what lies beside it is not held."""
 JAW_ANGLE = np.radians(20)
 """A jaw slips off a bar if their yaws differ by more than this (radians)."""
 JAW_REACH = 1 / 6
@@ -205,7 +207,7 @@ class Suction(FloatingTool):
         """Move above ``pose``, go down until the tip touches a body, grasp, lift. Returns whether a body is held."""
         self.carry(pose)
         touched = self._descend(lambda: self._touching(self.id, without=set()))
-        for body in touched & {body.id for body in bodies if body.movable}:
+        for body in self.in_order(touched & {body.id for body in bodies if body.movable}):
             if self.grasps(body):
                 self._attach(body)
                 break
@@ -231,6 +233,10 @@ class Suction(FloatingTool):
         self._release()
         super().park()
 
+    def in_order(self, touched: set[int]) -> Iterable[int]:
+        """The touched bodies; the tool tries to hold the first one first."""
+        return touched
+
     def grasps(self, body: int) -> bool:
         """Whether the tool can hold a body that its tip touches."""
         return True
@@ -250,6 +256,23 @@ class Suction(FloatingTool):
             p.removeConstraint(self._hold, physicsClientId=self._client)
         self._hold = None
         self.held = None
+
+
+@EFFECTORS.register("narrow-suction")
+class NarrowSuction(Suction):
+    """A suction cup with a tip of 1 mm, as CLIPort's. Of several bodies that it touches, it holds the nearest."""
+
+    half = (NARROW_TIP_RADIUS, NARROW_TIP_RADIUS, TIP_LENGTH / 2)
+
+    @override
+    def in_order(self, touched: set[int]) -> Iterable[int]:
+        return sorted(touched, key=self._gap)
+
+    def _gap(self, body: int) -> float:
+        """The distance (m) of a body from the tool; negative if they overlap."""
+        points = p.getClosestPoints(self.id, body, 2 * NARROW_TIP_RADIUS, physicsClientId=self._client)
+        distance = 8  # PyBullet's place in a point
+        return min((point[distance] for point in points), default=math.inf)
 
 
 @EFFECTORS.register("low-suction")

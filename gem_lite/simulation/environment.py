@@ -166,7 +166,7 @@ class Environment(ABC):
         self._seed = seed
         self.light = self.style.lamp.draw(self.style.light, self._random(LAMP_STREAM))
         self.gray = self._random(TABLE_STREAM).uniform(*self.style.grays)
-        self.clear(task.effector)
+        self.clear(self.style.tool(task.effector))
         self._task = task
         self.steps_taken = 0
         task.reset(self, np.random.default_rng(seed), seed)

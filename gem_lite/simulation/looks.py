@@ -41,6 +41,7 @@ class Look:
         erring: the share of episodes in which the cameras have the errors of ``sensors``.
         touching: the share of bodies that are put next to another body, if there is room.
         at_edge: the share of bodies that are put against the table's edge.
+        tools: pairs of end effectors: a task that names the first gets the second.
     """
 
     name: str = "home"
@@ -58,6 +59,11 @@ class Look:
     erring: float = 1.0
     touching: float = 0.0
     at_edge: float = 0.0
+    tools: tuple[tuple[str, str], ...] = ()
+
+    def tool(self, effector: str) -> str:
+        """The end effector that a task gets which names ``effector``."""
+        return dict(self.tools).get(effector, effector)
 
     def __post_init__(self) -> None:
         if len(self.sensors) not in (0, len(self.cameras)):
@@ -146,5 +152,6 @@ for _world in (
     KINECT_HARD,
     REAL_TABLE,
     REAL_TABLE_KINECT,
+    Look("narrow-suction", tools=(("suction", "narrow-suction"),)),
 ):
     register(_world)
