@@ -65,9 +65,8 @@ def test_cameras_stand_farther_from_a_longer_table():
     assert top.position == pytest.approx((0.5, 0.0, 1.35)) and left.position[2] == pytest.approx(0.75 * 1.5)
 
 
-@pytest.mark.parametrize("style", [KINECT, KINECT_HARD], ids=lambda style: style.name)
-def test_an_episode_is_the_same_from_its_seed_and_no_other(style):
-    with World(style=style) as world, World(style=style) as fresh:
+def test_an_episode_is_the_same_from_its_seed_and_no_other():
+    with World(style=KINECT_HARD) as world, World(style=KINECT_HARD) as fresh:
         first, other, again = begun(world, 0), begun(world, 1), begun(world, 0)
         light = world.light
         assert same(first, again) and same(first, begun(fresh, 0)) and not same(first, other)

@@ -168,7 +168,7 @@ def draw_wrong_pose(
     if centimetres <= largest:
         axes[1].axvline(centimetres, color="black", lw=1.5, ls="--")
     axes[1].set(xlabel=label, ylabel="success (0-100)", xlim=(-0.2, largest + 0.2))
-    axes[1].set_title("stored: an earlier policy, random directions", fontsize=9)
+    axes[1].set_title("stored: random directions", fontsize=9)
     axes[1].legend(fontsize=8, loc="lower left")
     return fig
 
