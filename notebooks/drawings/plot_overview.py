@@ -65,7 +65,7 @@ def show_semantic_module(
     box(ax, (4.0, middle - 0.35), 0.9, 0.7, "CLIP's\nimage tower", FIXED)
     arrow(ax, (4.9, middle), (5.85, middle), f"({m}, {n}, {dim})")
     sign(ax, (6.05, middle), "$\\cdot$")
-    arrow(ax, (6.25, middle), (6.5, middle))
+    arrow(ax, (6.25, middle), (6.6, middle), "$\\mathcal{P}^{-1}$")
     _brace(ax, 8.0, heights)
     arrow(ax, (8.1, middle), (8.45, middle))
     inset(ax, _semantic_cloud(views, view_maps, workspace), (9.55, middle), 1.7, "semantic point cloud")
@@ -110,9 +110,11 @@ def show_semantic_module(
     arrow(ax, (12.55, 2.05), (12.55, 3.5))
     box(ax, (12.3, 3.5), 1.5, 0.75, "average with\nweights $w_1$, $w_2$", FIXED)
     arrow(ax, (13.3, 4.25), (13.3, 4.84))
-    inset(ax, maps["blend"], (13.3, middle), 1.7, "raw map")
+    inset(ax, maps["blend"], (13.3, middle), 1.7, "blend, the raw map")
     arrow(ax, (13.3, 6.95), (13.3, 7.2))
-    box(ax, (12.6, 7.2), 1.35, 0.6, "$f_\\theta$ (Eq. 4): joins\nheights, lesson 06", LEARNED)
+    box(ax, (12.6, 7.2), 1.35, 0.6, "$f_\\theta$ (Eq. 4),\nlesson 06", LEARNED)
+    arrow(ax, (11.9, 7.5), (12.6, 7.5), "heights")
+    ax.text(13.28, 7.9, "$\\mathcal{M}$", fontsize=10, ha="center", va="center")
     legend(ax, (0.15, 0.1))
     return fig
 
