@@ -17,6 +17,7 @@ from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
 from gem_lite.rgbd.sensor_errors import corrupt, draw_different_units
 from gem_lite.se2 import Pose2, Workspace, quaternion
+from gem_lite.simulation import panda  # noqa: F401 (registers the arm)
 from gem_lite.simulation.bodies.parts import RGBA
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS, PARKED, RATE, Effector

@@ -153,5 +153,6 @@ for _world in (
     REAL_TABLE,
     REAL_TABLE_KINECT,
     Look("narrow-suction", tools=(("suction", "narrow-suction"),)),
+    Look("panda", tools=(("suction", "panda"), ("jaw", "panda"))),
 ):
     register(_world)
