@@ -10,6 +10,7 @@ from tabletop import HERE, THERE, block, distance, lay_out, play
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace, angle_off
 from gem_lite.simulation import looks, panda
+from gem_lite.simulation.mobile_world import MobileWorld
 from gem_lite.simulation.panda import Outcome
 from gem_lite.simulation.world import World
 
@@ -84,6 +85,11 @@ def test_a_parked_arm_is_in_no_height_map(cell):
     row, col = Workspace().nearest_cell(HERE.x, HERE.y)
     height[row - 6 : row + 7, col - 6 : col + 7] = 0
     assert np.abs(height).max() < 0.002 and heightmap.seen.mean() > 0.97
+
+
+def test_the_arm_is_no_robots_tool():
+    with pytest.raises(ValueError, match="in 'panda' it stands at one table"):
+        MobileWorld(style=looks.style("panda"))
 
 
 @pytest.mark.parametrize("name", ["put-block-in-bowl-seen-colors", "bars-in-box"])

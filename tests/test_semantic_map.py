@@ -191,9 +191,10 @@ def test_of_several_exposures_each_map_is_that_of_the_surest(scene_and_truth, mo
     bright = semantic_map.text_conditioned_map(embed(brighter, model, LITE), phrase, model)
     # The dark pictures, brightened, are nearly the pictures of before; CLIP is surer of them.
     assert bright.max() > as_it_is.max() + semantic_map.EXPOSURE_LEAD
-    assert np.array_equal(bracketed, bright)
+    # A patch may have been embedded in another batch, which changes its last digits.
+    assert np.allclose(bracketed, bright, atol=1e-4)
     right = semantic_map.text_conditioned_map(embed(observation.views, model, config), phrase, model)
-    assert np.array_equal(right, semantic_map.text_conditioned_map(scene, phrase, model))
+    assert np.allclose(right, semantic_map.text_conditioned_map(scene, phrase, model), atol=1e-4)
 
 
 def test_an_exposure_scales_a_picture_and_cuts_what_is_too_bright():

@@ -140,7 +140,9 @@ def pushing(blind, stage, monkeypatch):
 
 
 def test_effectors_are_found_by_name():
-    assert effectors.EFFECTORS.names() == ("suction", "low-suction", "jaw", "parallel-jaw", "spatula")
+    assert effectors.EFFECTORS.names() == (
+        "suction", "narrow-suction", "low-suction", "jaw", "parallel-jaw", "spatula", "panda",
+    )  # fmt: skip
     with World() as fresh, pytest.raises(ValueError, match="no end effector is named 'spoon'; the nearest names: "):
         fresh.clear("spoon")
 

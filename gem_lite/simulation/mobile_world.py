@@ -119,7 +119,7 @@ class MobileWorld(Environment):
         style: the looks and the layout of the scenes.
 
     Raises:
-        ValueError: there is no table, or the first table's frame is not the world's.
+        ValueError: there is no table, the first table's frame is not the world's, or a tool stands at one table.
     """
 
     def __init__(
@@ -131,6 +131,8 @@ class MobileWorld(Environment):
             raise ValueError("tables is empty: a world needs at least one")
         if tables[0] != Pose2(0.0, 0.0):
             raise ValueError(f"tables[0] must be the world's frame, {Pose2(0.0, 0.0)}, got {tables[0]}")
+        if any(tool == "panda" for _, tool in style.tools):
+            raise ValueError(f"style must have tools that a robot carries; in {style.name!r} it stands at one table")
         self.tables = tuple(tables)
         self.body = body
         self.find = find

@@ -47,7 +47,7 @@ GRASP_FORCE = 30.0
 FRICTION = 1.0
 CLOSING = 120
 """Simulation steps that the gripper gets to close or to open."""
-REACHED = 0.002
+REACHED = 0.0005
 """Joints are right if the tip is at most this far (m) from its goal."""
 OTHER_BODY, NORMAL, DISTANCE, FORCE = 2, 7, 8, 9
 """PyBullet's places in a contact; the normal points to the first body."""
@@ -90,7 +90,7 @@ class Kinematics:
             )[4:6]
             off = np.linalg.norm(np.subtract(reached, position))
             turned = p.getAxisAngleFromQuaternion(p.getDifferenceQuaternion(orientation, turn))[1]
-            if off < REACHED / 4 and abs(wrap(turned)) < 0.01:
+            if off < REACHED and abs(wrap(turned)) < 0.01:
                 break
             found = np.array(
                 p.calculateInverseKinematics(
