@@ -10,13 +10,15 @@ from gem_lite.evaluation import results, table_poses
 from gem_lite.evaluation.table_poses import Condition
 
 
-def score(task: str, condition: Condition, tables: int = 2, world: str = "home") -> Score:
-    """GEM's filed rows of a task under a condition, on the first test episodes, pooled over training seeds.
+def score(task: str, condition: Condition) -> Score:
+    """GEM's filed rows of a task over two tables at home, under a condition, on the first test episodes.
+
+    They are pooled over training seeds.
 
     Raises:
         LookupError: there is no such row, or see `summaries.pool`.
     """
-    required = {"method": "gem", "task": task, "tables": tables, "world": world, "split": "test", "start": 0}
+    required = {"method": "gem", "task": task, "tables": 2, "world": "home", "split": "test", "start": 0}
     required |= condition._asdict()
     shown = ("tables", "world", "poses", "shift", "turn")
     rows = results.read_rows(results.RESULTS / f"{tasks.family(task)}.jsonl")

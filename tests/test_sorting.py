@@ -165,8 +165,10 @@ def test_a_filed_row_is_read_again(tmp_path, monkeypatch):
     assert score.rewards.tolist() == [[1.0] * 5 + [0.0] * 7] and score.mean == pytest.approx(41.7)
     with pytest.raises(LookupError, match=r"no row with .*poses truth.* There are: .*poses tags, shift 0\.02"):
         pose_errors.score(task, Condition("truth"))
-    with pytest.raises(LookupError, match=r"no row with .*world shadows"):
-        pose_errors.score(task, OFF, world="shadows")
+    elsewhere = evaluate.rows_of("gem", "object-sorting-unseen", found, facts | {"world": "shadows"})
+    results.file_rows(elsewhere, path, table_poses.IDENTITY)
+    with pytest.raises(LookupError, match=r"no row with .*world home"):
+        pose_errors.score("object-sorting-unseen", OFF)
     with pytest.raises(ValueError, match=r"holds a row over 12 episodes .*shift 0\.02"):
         short = evaluate.rows_of("gem", task, found[-3:], facts)
         results.file_rows(short, path, table_poses.IDENTITY)

@@ -123,10 +123,10 @@ def lies_as_at_home(style):
 
 
 # What the arm of "panda" can do is in test_panda.py: its fingers have no room in a pyramid.
-DIFFERENT = [name for name in looks.names() if name != "panda" and not lies_as_at_home(looks.style(name))]
+OTHER_WORLDS = [name for name in looks.names() if name != "panda" and not lies_as_at_home(looks.style(name))]
 
 
-@pytest.mark.parametrize("name", DIFFERENT)
+@pytest.mark.parametrize("name", OTHER_WORLDS)
 @pytest.mark.parametrize("task_name", [BOWL_TASK, "stack-block-pyramid-seq-seen-colors", "packing-shapes-seen"])
 def test_the_expert_solves_every_world(name, task_name, no_pictures):
     with World(style=looks.style(name)) as world:

@@ -5,7 +5,6 @@ What a floating tool cannot show happens here: a pose may be out of reach, a gra
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from enum import Enum
@@ -27,9 +26,8 @@ ARM = range(7)
 """The joints of the arm."""
 FINGERS = (9, 10)
 """The joints, and the links, of the two fingers."""
-HAND = 8
-TIP = 11
-"""The link between the fingers' ends."""
+HAND, TIP = 8, 11
+"""The links of the gripper's body, and between the fingers' ends."""
 RESTING = (0.0, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
 """The arm's joints (radians) above the middle of the table: where every search for joints begins."""
 FOLDED = (math.pi * 0.9, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
@@ -38,7 +36,7 @@ OPEN = 0.04
 """How far (m) each finger is from the middle when the gripper is open."""
 JOINT_STRIDE = 0.008
 """Radians per simulation step of the fastest joint: about 1.9 radians a second."""
-STRIDE = 0.001
+LINE_STRIDE = 0.001
 """Metres per simulation step of a straight motion."""
 LOWEST = 0.0135
 """The lowest height (m) of the tip: then the fingers' ends are 2 mm above the table."""
@@ -81,9 +79,9 @@ class Kinematics:
             start: (7,), where the search begins: the result is near it.
         """
         turn = p.getQuaternionFromEuler((math.pi, 0.0, yaw))
-        found = np.array(start)
+        solution = np.array(start)
         for _ in range(20):
-            for joint, value in zip(ARM, found, strict=True):
+            for joint, value in zip(ARM, solution, strict=True):
                 p.resetJointState(self._arm, joint, float(value), physicsClientId=self._client)
             reached, orientation = p.getLinkState(
                 self._arm, TIP, computeForwardKinematics=True, physicsClientId=self._client
@@ -92,7 +90,7 @@ class Kinematics:
             turned = p.getAxisAngleFromQuaternion(p.getDifferenceQuaternion(orientation, turn))[1]
             if off < REACHED and abs(wrap(turned)) < 0.01:
                 break
-            found = np.array(
+            solution = np.array(
                 p.calculateInverseKinematics(
                     self._arm, TIP, position.tolist(), turn, maxNumIterations=50, residualThreshold=1e-5,
                     physicsClientId=self._client,
@@ -100,7 +98,7 @@ class Kinematics:
             )  # fmt: skip
         else:
             return None
-        return found if ((found >= self._lower) & (found <= self._upper)).all() else None
+        return solution if ((solution >= self._lower) & (solution <= self._upper)).all() else None
 
 
 @cache
@@ -131,7 +129,7 @@ class Panda:
     actions: ClassVar[tuple[type[Action], ...]] = (PickPlace,)
 
     def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
-        self._client = client
+        self._client = client  # ``parked`` is for tools that float: the arm folds beside the table.
         self._log = log
         self._kinematics = kinematics()
         self.id = load_arm(client)
@@ -243,7 +241,7 @@ class Panda:
     def _straight(self, goal: np.ndarray, yaw: float, ends: Callable[[], bool]) -> None:
         """Move the tip on a straight line to a goal (3,) (m), or until ``ends`` says so."""
         start = self._tip()
-        steps = max(1, math.ceil(float(np.linalg.norm(goal - start)) / STRIDE))
+        steps = max(1, math.ceil(float(np.linalg.norm(goal - start)) / LINE_STRIDE))
         for step in range(1, steps + 1):
             joints = self._kinematics.joints(start + (goal - start) * step / steps, yaw, self._joints)
             if joints is None:
@@ -308,7 +306,7 @@ class Panda:
 
     def _rests(self) -> bool:
         """Whether the hand or a finger presses on something from above."""
-        contacts = itertools.chain.from_iterable(self._contacts(link) for link in (HAND, *FINGERS))
+        contacts = [contact for link in (HAND, *FINGERS) for contact in self._contacts(link)]
         return any(contact[FORCE] * contact[NORMAL][2] > PRESSED for contact in contacts)
 
     def _held_touches(self) -> bool:

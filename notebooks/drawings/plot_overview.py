@@ -53,14 +53,8 @@ def show_semantic_module(
     _draw_patches(ax, views[0].rgb, grid, (2.67, heights[0] + 0.1), 1.0)
     _brace(ax, 1.6, heights)
     arrow(ax, (1.7, middle), (2.1, middle))
-    box(
-        ax,
-        (2.1, middle - 0.4),
-        1.15,
-        0.8,
-        f"$\\mathcal{{P}}$: squares of\n{grid.patch} pixels, one\nevery {grid.stride}",
-        FIXED,
-    )
+    cut = f"$\\mathcal{{P}}$: squares of\n{grid.patch} pixels, one\nevery {grid.stride}"
+    box(ax, (2.1, middle - 0.4), 1.15, 0.8, cut, FIXED)
     arrow(ax, (3.25, middle), (4.0, middle), f"{m} x {n}")
     box(ax, (4.0, middle - 0.35), 0.9, 0.7, "CLIP's\nimage tower", FIXED)
     arrow(ax, (4.9, middle), (5.85, middle), f"({m}, {n}, {dim})")
