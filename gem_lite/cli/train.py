@@ -62,8 +62,8 @@ def _attributes(kind: type) -> str:
 def start(
     demonstrations: Path, checkpoint: Path, /, *, method: str = "gem", preset: str = "lite",
     episodes: int | None = None, seed: int = 0, clip: Clip = None, device: Literal["cpu", "cuda"] = "cpu",
-    state: Path | None = None, prepared: Path | None = None, also: tuple[Path, ...] = (), import_: Import = (),
-    config: Any = None,  # noqa: ANN401 (`train` sets its type)
+    state: Path | None = None, prepared: Path | None = None, also: tuple[Path, ...] = (),
+    begin_with: Path | None = None, import_: Import = (), config: Any = None,  # noqa: ANN401 (`train` sets its type)
 ) -> None:  # fmt: skip
     """Train a method from demonstrations.
 
@@ -86,7 +86,8 @@ def start(
         state: folder for the state to resume from (without it: runs/<name of the checkpoint>-<hash of its path>)
         prepared: cache of prepared steps that trainings share; it may be deleted when none runs (without it: kept in
             --state)
-        also: more folders, of other tasks: one policy for all of them (--method gem-multi)
+        also: more folders, of other tasks or worlds: one policy for all of them (--method gem-multi)
+        begin_with: checkpoint of the same method, whose weights the training begins with (without it: random ones)
 
     Examples:
       gem-lite train data/demos/put-block-in-bowl-seen-colors-10 runs/gem.safetensors
@@ -105,7 +106,7 @@ def start(
     state = state or state_folder(checkpoint)
     with continues(f"the last state in {state}"):
         card = train.train_from_folder(
-            demonstrations, checkpoint, kind, values, state, seed, episodes, clip, device, also, prepared
+            demonstrations, checkpoint, kind, values, state, seed, episodes, clip, device, also, prepared, begin_with
         )
     if card:
         training = "{train_seconds:.0f} s of training {method} on {demos} demonstrations".format(**card)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -114,14 +115,39 @@ def load_policy(path: Path, model: Clip, parser: language.Parser | None = None) 
         if card["memory"]:
             memory = CropMemory.unpack(tensors["memory.images"].numpy(), card["memory"], model)
         policy = method(config, model, memory, parser=parser)
-        with torch.no_grad():
-            for name, value in policy.named_parameters():
-                weight = tensors[name]
-                if weight.shape != value.shape or not torch.isfinite(weight).all():
-                    raise ValueError(f"{name} must be finite and of shape {tuple(value.shape)}")
-                value.copy_(weight)
+        _copy_weights(tensors, policy)
     except Exception as error:  # Networks that a damaged configuration describes can fail in any way.
         raise ValueError(
             f"the weights in {path} and the configuration in its JSON do not fit: {type(error).__name__}: {error}"
         ) from error
     return policy
+
+
+def begin_with(policy: Policy, path: Path) -> str:
+    """Give a new policy the weights of a checkpoint, so that its training continues from there.
+
+    Returns:
+        The SHA-256 of the checkpoint.
+
+    Raises:
+        FileNotFoundError, ValueError: see `load_policy`. The checkpoint's method must be the policy's, and its networks
+            as large.
+    """
+    start = load_policy(path, policy.clip)
+    if start.name != policy.name:
+        raise ValueError(f"the training of {policy.name} cannot begin with the checkpoint {path} of {start.name}")
+    try:
+        _copy_weights(dict(start.named_parameters()), policy)
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"the training cannot begin with the checkpoint {path}: {error}") from error
+    return read_card(path)["sha256"]
+
+
+def _copy_weights(weights: Mapping[str, torch.Tensor], policy: Policy) -> None:
+    """Copy weights into a policy. Raises KeyError if one is missing, and ValueError if one does not fit."""
+    with torch.no_grad():
+        for name, value in policy.named_parameters():
+            weight = weights[name]
+            if weight.shape != value.shape or not torch.isfinite(weight).all():
+                raise ValueError(f"{name} must be finite and of shape {tuple(value.shape)}")
+            value.copy_(weight)

@@ -18,12 +18,12 @@ SPLIT = "train"
 def demonstrations_of_tasks(
     folders: Sequence[Path], episodes: int | None, settings: Config
 ) -> list[DemonstrationSet]:  # fmt: skip
-    """The demonstrations of each folder, equally many. Several folders need a method with the ending "multi".
+    """The demonstrations of each folder. Several folders need a method with the ending "multi".
 
     Raises:
         FileNotFoundError: a folder holds no demonstrations.
-        ValueError: the folders do not fit the method, ``episodes`` does not fit a folder, the numbers of demonstrations
-            differ, or a folder's demonstrations are not of the split `SPLIT`.
+        ValueError: the folders do not fit the method, ``episodes`` does not fit a folder, a task has more
+            demonstrations than another, or a folder's demonstrations are not of the split `SPLIT`.
     """
     several = MULTI_TASK in settings.ablations
     if several != (len(folders) > 1):
@@ -38,10 +38,19 @@ def demonstrations_of_tasks(
                 f"demonstrations must be of the split {SPLIT!r}, got {part[0].split!r} in {path}: episodes of that "
                 "split measure policies"
             )
-    counts = sorted({len(part) for part in sets})
-    if len(counts) > 1:
-        raise ValueError(f"the folders must hold equally many demonstrations, got {counts}: give --episodes")
+    counts = demonstrations_by_task(sets)
+    if len(set(counts.values())) > 1:
+        numbers = ", ".join(f"{count} of {task}" for task, count in counts.items())
+        raise ValueError(f"each task must have equally many demonstrations, got {numbers}: give --episodes")
     return sets
+
+
+def demonstrations_by_task(sets: Sequence[DemonstrationSet]) -> dict[str, int]:
+    """The number of demonstrations of each task, in the order of the folders."""
+    counts: dict[str, int] = {}
+    for part in sets:
+        counts[part[0].task] = counts.get(part[0].task, 0) + len(part)
+    return counts
 
 
 def on_table_of(sets: Sequence[DemonstrationSet], settings: Config) -> Config:

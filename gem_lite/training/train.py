@@ -139,7 +139,7 @@ class Learner:
 
 def train(
     policy: Policy, prepared: Steps, seed: int, run: Path, device: str = "cpu",
-    watch: Callable[[int, dict[str, float]], None] | None = None, workers: int | None = None,
+    watch: Callable[[int, dict[str, float]], None] | None = None, workers: int | None = None, start: str | None = None,
 ) -> Cost:  # fmt: skip
     """Train a policy's modules in place. Returns the total cost of the training.
 
@@ -153,6 +153,7 @@ def train(
         watch: called with the number and the losses of every step.
         workers: how many processes read and augment steps; by default none for a CPU, `WORKERS` for a GPU. The result
             is the same.
+        start: the SHA-256 of the checkpoint whose weights the policy has, if it is not new.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
@@ -166,6 +167,8 @@ def train(
         "method": policy.name, "config": settings.as_dict(), "seed": seed,
         "data": step_files.fingerprint(prepared), "processes": accelerator.num_processes,
     }  # fmt: skip
+    if start:
+        identity["start"] = start
     optimizers = {f"{role}_optimizer": optimizer for role, optimizer in learner.optimizers.items()}
     state = TrainingState(run / STATE_FILE, identity, learner.modules | optimizers)
     state.restore(accelerator.device)
@@ -232,40 +235,43 @@ def hardware(device: str) -> str:
 def train_from_folder(
     folder: Path, checkpoint: Path, method: type[Policy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu", also: Sequence[Path] = (),
-    shared: Path | None = None,
+    shared: Path | None = None, start: Path | None = None,
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
     Args:
         folder: a set of demonstrations, see `demonstrations.load`.
-        also: folders with as many demonstrations of other tasks, each drawn equally often, for a method with the
-            ending "multi".
+        also: more folders, each drawn equally often, for a method with the ending "multi". Each task has as many
+            demonstrations; those of one task may lie in several folders, for instance of several worlds.
         settings: the method's configuration. Recorded episodes keep its table; others set its length.
         episodes: the number of demonstrations to use, from the first; by default all.
         clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
         shared: see `prepared_steps`.
+        start: a checkpoint of the same method, whose weights the training begins with; by default they are random.
 
     Returns:
         The facts about the training, as on the checkpoint's card. With several processes, only the first writes the
         checkpoint, and the others return None.
 
     Raises:
-        ValueError: see `_check_request`, `folders.demonstrations_of_tasks` and `folders.on_table_of`.
+        ValueError: see `_check_request`, `folders.demonstrations_of_tasks`, `folders.on_table_of` and
+            `checkpoints.begin_with`.
         FloatingPointError, OSError: see `train`.
     """
     _check_request(checkpoint, seed, device)
     _team(device)  # Each process gets its device.
     sets = folders.demonstrations_of_tasks((folder, *also), episodes, settings)
     policy = method(folders.on_table_of(sets, settings), clip.load(clip_name).to(device), seed=seed)
+    begins_with = checkpoints.begin_with(policy, start) if start else None
     steps = prepared_steps(policy, sets, run, device, shared)
-    cost = train(policy, steps, seed, run, device)
+    cost = train(policy, steps, seed, run, device, start=begins_with)
     if not PartialState().is_main_process:
         return None
     facts = {
-        "task": " + ".join(part[0].task for part in sets),
-        "demos": len(sets[0]),
-        "demonstrations_world": sets[0][0].world,
+        "task": " + ".join(folders.demonstrations_by_task(sets)),
+        "demos": next(iter(folders.demonstrations_by_task(sets).values())),
+        "demonstrations_world": " + ".join(dict.fromkeys(part[0].world for part in sets)),
         "demonstrations_split": sets[0][0].split,
         "data_sha256": folders.data_hash(sets),
         "seed": seed,
@@ -273,6 +279,8 @@ def train_from_folder(
         "train_cpu_seconds": round(cost.cpu_seconds, 1),
         "hardware": hardware(device),
     }
+    if begins_with:
+        facts["start_sha256"] = begins_with
     checkpoints.save_policy(policy, checkpoint, facts)
     (run / STATE_FILE).unlink(missing_ok=True)
     shutil.rmtree(run / PREPARED, ignore_errors=True)
