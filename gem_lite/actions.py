@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 from gem_lite.se2 import Pose2, wrap
@@ -43,6 +44,19 @@ class Push:
 
 
 Action = PickPlace | Push
+
+
+class Outcome(Enum):
+    """What an action came to, or its first half."""
+
+    HELD = "held"
+    PLACED = "placed"
+    PUSHED = "pushed"
+    NOTHING_HELD = "nothing held"
+    OUT_OF_REACH = "out of reach"
+    DROPPED = "dropped"
+
+
 MOST_EQUAL_YAWS = 360
 """A symmetry with more equal yaws, by less than a degree, is a mistake: 0 stands for all yaws."""
 

@@ -93,7 +93,9 @@ def test_a_training_can_begin_with_the_weights_of_a_checkpoint(trained, model, d
     with pytest.raises(ValueError, match=r"training of gem cannot begin with the checkpoint .* of gem-multi"):
         checkpoints.begin_with(policy, tmp_path / "multi.safetensors")
     wide = Gem(dataclasses.replace(SMALL, fields=SMALL.fields + 1), model)
-    with pytest.raises(ValueError, match=r"cannot begin with the checkpoint .*: place\.kernel.* must be finite and of shape"):
+    with pytest.raises(
+        ValueError, match=r"cannot begin with the checkpoint .*: place\.kernel.* must be finite and of shape"
+    ):
         checkpoints.begin_with(wide, tmp_path / "start.safetensors")
     card = train.train_from_folder(
         demo_set[0], Path("a.safetensors"), Gem, policy.config, Path("run"), start=Path("start.safetensors")

@@ -1,18 +1,23 @@
 """The Panda: what it reaches, holds by friction, drops and puts back; and an expert that uses it."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pybullet as p
 import pytest
 from tabletop import HERE, THERE, block, distance, lay_out, play
 
+from gem_lite.actions import Outcome
+from gem_lite.foundations import colors
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace, angle_off
 from gem_lite.simulation import looks, panda
+from gem_lite.simulation.bodies import objects
+from gem_lite.simulation.grips import Surfaces
 from gem_lite.simulation.mobile_world import MobileWorld
-from gem_lite.simulation.panda import Outcome
 from gem_lite.simulation.world import World
+from gem_lite.tasks import pick_object_part
 
 CORNER = Pose2(0.745, 0.495)
 
@@ -77,6 +82,66 @@ def test_what_is_lost_on_the_way_is_noticed(cell):
     )
 
 
+def test_fingers_end_just_above_the_table(cell):
+    world, arm, _ = cell
+    assert not arm.pick(Pose2(0.5, 0.0), world.bodies)
+    arm._go_down(Pose2(0.5, 0.0), lambda: False)
+    closest = partial(p.getClosestPoints, arm.id, distance=0.02, physicsClientId=world.client)
+    gaps = [
+        point[panda.DISTANCE]
+        for finger in panda.FINGERS
+        for body in range(p.getNumBodies(physicsClientId=world.client))
+        if body != arm.id
+        for point in closest(body, linkIndexA=finger)
+    ]
+    assert min(gaps) == pytest.approx(panda.ABOVE_TABLE, abs=0.0005)
+
+
+@pytest.mark.parametrize("gap", [0.03, 0.008])
+def test_the_gripper_opens_as_wide_as_it_has_room(cell, gap):
+    world, arm, body = cell
+    for side in (-1, 1):
+        world.add(block(HERE @ Pose2(0.0, side * (0.04 + gap)))(world.client))
+    world.settle()
+    others = [world.pose(other)[0] for other in world.bodies[1:]]
+    assert arm.pick(HERE, world.bodies) and arm.held == body.id
+    assert all(distance(world.pose(b)[0], pose) < 0.001 for b, pose in zip(world.bodies[1:], others, strict=True))
+
+
+def test_an_arm_that_cannot_turn_on_grasps_again(cell):
+    world, arm, body = cell
+    places = [dataclasses.replace(THERE, yaw=yaw) for yaw in np.radians(range(0, 360, 20))]
+    assert arm.pick(HERE, world.bodies)
+    beyond = [pose for pose in places if arm._reach(pose, (arm._half_turn,)) is None]
+    assert 0 < len(beyond) < len(places) / 4, "one half turn reaches most yaws, and not all"
+    arm.place(beyond[0])
+    assert arm.outcome is Outcome.PLACED
+    pose, _ = world.pose(body)
+    assert distance(pose, THERE) < 0.003 and angle_off(pose.yaw - beyond[0].yaw, np.pi / 2) < np.radians(3)
+
+
+def test_a_handle_is_held_by_the_handle():
+    with World(style=looks.style("real-table-panda")) as world:
+        world.clear("panda")
+        color = colors.rgba("red")
+        mug = world.add(objects.add_object(world.client, "mug", color, HERE, scale=0.5, by_part=True))
+        world.settle()
+        for part in ("handle", "brim"):
+            grasp = pick_object_part.central_grasp(Surfaces.of(world.client, [mug]), mug, part)
+            held = world.effector.pick(grasp, world.bodies)
+            assert part == "brim" or (held and world.effector.grip.part == "handle")
+            world.effector.park()
+            world.settle()
+
+
+def test_an_expert_leaves_what_fell_off_the_table(no_pictures):
+    with World() as world:
+        task = lay_out(world, "put-block-in-bowl-seen-colors")
+        body = task.goals[0].bodies[0]
+        p.resetBasePositionAndOrientation(body.id, (1.5, 0.0, 0.02), (0, 0, 0, 1), physicsClientId=world.client)
+        assert task.expert(world) is None
+
+
 def test_a_parked_arm_is_in_no_height_map(cell):
     world, arm, _ = cell
     arm.park()
@@ -92,9 +157,14 @@ def test_the_arm_is_no_robots_tool():
         MobileWorld(style=looks.style("panda"))
 
 
-@pytest.mark.parametrize("name", ["put-block-in-bowl-seen-colors", "bars-in-box"])
-def test_an_expert_plays_an_episode_with_the_arm(no_pictures, name):
-    with World(style=looks.style("panda")) as world:
+@pytest.mark.parametrize(
+    ("style", "name"),
+    [("panda", "put-block-in-bowl-seen-colors"), ("panda", "bars-in-box")]
+    + [("real-table-panda", f"{family}-seen") for family in ("arrange-letter-to-word", "block-stacking-pyramid")],
+)
+def test_an_expert_plays_an_episode_with_the_arm(no_pictures, style, name):
+    with World(style=looks.style(style)) as world:
         steps = play(world, lay_out(world, name)).steps
         assert sum(step.reward for step in steps) == pytest.approx(1.0)
         assert isinstance(world.effector, panda.Panda)
+        assert {step.outcome for step in steps} == {Outcome.PLACED}

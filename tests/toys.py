@@ -19,7 +19,7 @@ from torch import nn
 from typing_extensions import override
 
 from gem_lite import language, tasks
-from gem_lite.actions import GripperState, PickPlace
+from gem_lite.actions import GripperState, Outcome, PickPlace
 from gem_lite.config import Config
 from gem_lite.foundations import colors
 from gem_lite.language import Queries, Query
@@ -67,6 +67,7 @@ class Arm:
 
     def __init__(self, client: int, parked: tuple[float, float, float], log: effectors.Log) -> None:
         self.log, self.held, self.magnet, self.common = log, None, None, {"physicsClientId": client}
+        self.outcome = Outcome.NOTHING_HELD
         model = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
         self.id = p.loadURDF(str(model), useFixedBase=True, globalScaling=1.2, **self.common)
         self.joints = range(p.getNumJoints(self.id, **self.common))
@@ -89,12 +90,15 @@ class Arm:
                 ends = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.02))  # the upper face of a block
                 joint = (self.id, self.joints[-1], body, -1, p.JOINT_POINT2POINT, *ends)
                 self.held, self.magnet = body, p.createConstraint(*joint, **self.common)
+                self.outcome = Outcome.HELD
                 return True
+        self.outcome = Outcome.NOTHING_HELD
         return False
 
     def place(self, pose: Pose2) -> None:
         self.move(pose.x, pose.y, 0.25)
         self.move(pose.x, pose.y, 0.12)
+        self.outcome = Outcome.PLACED
 
     def park(self) -> None:
         if self.held is not None:

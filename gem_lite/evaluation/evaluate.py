@@ -168,6 +168,7 @@ def run_episode(
     total = 0.0
     placed_decisions = 0
     retaken = 0
+    outcomes = []
     error = ""
     try:
         for turn in rollout(environment, task, tasks.episode_seed(split, index), actor, observations):
@@ -175,10 +176,14 @@ def run_episode(
             placed_decisions += bool(turn.placed)
             retaken += turn.picked in turn.placed
             error = turn.error
+            if turn.result.outcome:
+                outcomes.append(turn.result.outcome.value)
     except NoFreePlaceError as reason:  # The policy refuses to act on, with this reason.
         error = str(reason)
     reward = min(max(total, 0.0), 1.0)  # gains and losses may add up to -1e-16
-    return Episode(index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken, error)
+    return Episode(
+        index, reward, environment.steps_taken, task.subsets(), placed_decisions, retaken, tuple(outcomes), error
+    )
 
 
 def run_conditions(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -54,6 +55,7 @@ class Episode:
         subsets: the sets of episodes, besides all, to which it belongs (`Task.subsets`).
         placed_decisions: actions chosen while a body lay where the sentences want it (`Task.placed`).
         retaken: how many of these picked such a body.
+        outcomes: what each action came to, an `actions.Outcome` in words.
         error: why the robot could not act; empty if it could.
         condition: how the robot knew where the tables are, a `table_poses.Condition`; None at one table.
     """
@@ -64,6 +66,7 @@ class Episode:
     subsets: tuple[str, ...]
     placed_decisions: int = 0
     retaken: int = 0
+    outcomes: tuple[str, ...] = ()
     error: str = ""
     condition: tuple | None = None
 
@@ -103,12 +106,13 @@ def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset:
     """One row. ``facts`` holds the other entries that identify it, see `policy_entries`; without ``skipped``, none was.
 
     ``placed_decisions`` counts the actions that were chosen while a body already lay where the sentences want it.
-    ``retaken`` counts those of them that picked such a body.
+    ``retaken`` counts those of them that picked such a body, ``outcomes`` what the actions came to.
     """
     names = {"method": method, "task": task_name, "subset": subset, "skipped": []}
     counts = {
         "placed_decisions": sum(episode.placed_decisions for episode in episodes),
         "retaken": sum(episode.retaken for episode in episodes),
+        "outcomes": dict(Counter(outcome for episode in episodes for outcome in episode.outcomes)),
     }
     return names | facts | counts | reward_entries({episode.index: episode.reward for episode in episodes})
 

@@ -16,7 +16,7 @@ import numpy as np
 import pybullet as p
 from typing_extensions import override
 
-from gem_lite.actions import Action, GripperState, PickPlace, Push
+from gem_lite.actions import Action, GripperState, Outcome, PickPlace, Push
 from gem_lite.foundations.registry import Registry
 from gem_lite.se2 import Pose2, quaternion, wrap
 from gem_lite.simulation.bodies.shapes import Body
@@ -69,6 +69,7 @@ class Effector(Protocol):
     Attributes:
         actions: the kinds of action that it can carry out.
         held: the id of the body that it holds, or None.
+        outcome: what the last pick, place or push came to.
 
     Args:
         client: the physics client.
@@ -78,6 +79,7 @@ class Effector(Protocol):
 
     actions: ClassVar[tuple[type[Action], ...]]
     held: int | None
+    outcome: Outcome
 
     def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None: ...
 
@@ -128,6 +130,7 @@ class FloatingTool:
         self._target = np.array(parked)
         self._yaw = 0.0
         self.held: int | None = None
+        self.outcome = Outcome.NOTHING_HELD
         self.travel_height = CLEARANCE
         self.stride = STRIDE
         self._clock = 0
@@ -211,8 +214,7 @@ class Suction(FloatingTool):
             if self.grasps(body):
                 self._attach(body)
                 break
-        self._rise()
-        return self.held is not None
+        return self._lift()
 
     def place(self, pose: Pose2) -> None:
         """Carry the held body above ``pose``, go down until it touches something, release it, and rise.
@@ -227,6 +229,7 @@ class Suction(FloatingTool):
         self._descend(lambda: self._touching(held, without={self.id}))
         self._release()
         self._rise()
+        self.outcome = Outcome.PLACED
 
     @override
     def park(self) -> None:
@@ -240,6 +243,12 @@ class Suction(FloatingTool):
     def grasps(self, body: int) -> bool:
         """Whether the tool can hold a body that its tip touches."""
         return True
+
+    def _lift(self) -> bool:
+        """Rise. Returns whether a body is held."""
+        self._rise()
+        self.outcome = Outcome.NOTHING_HELD if self.held is None else Outcome.HELD
+        return self.held is not None
 
     def _attach(self, body: int) -> None:
         tip = p.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
@@ -341,8 +350,7 @@ class ParallelJaw(Suction):
                 self.grip.body, -1, activationState=p.ACTIVATION_STATE_WAKE_UP, physicsClientId=self._client
             )
             self._attach(self.grip.body)
-        self._rise()
-        return self.held is not None
+        return self._lift()
 
 
 @EFFECTORS.register("spatula")
@@ -364,6 +372,7 @@ class Spatula(FloatingTool):
         self._descend(lambda: self._touching(self.id, without=set()), above=BLADE_ABOVE)
         self._move(np.array([end.x, end.y, self._target[2]]), self._yaw, SLOW_STRIDE)
         self._rise()
+        self.outcome = Outcome.PUSHED
 
 
 def planar(client: int, body: int) -> Pose2:

@@ -11,7 +11,7 @@ from typing import Protocol, Self
 import numpy as np
 import pybullet as p
 
-from gem_lite.actions import Action, ExpertAction, GripperState, PickPlace, Push
+from gem_lite.actions import Action, ExpertAction, GripperState, Outcome, PickPlace, Push
 from gem_lite.language import Instruction
 from gem_lite.rgbd.camera import View
 from gem_lite.rgbd.observation import Observation
@@ -80,6 +80,7 @@ class Step:
         done: whether the episode is over.
         held: the id of the body that the tool held; None if it held nothing, and for a push.
         trace: the states of the tool during the action.
+        outcome: what the action came to; None if the robot could not act at all.
     """
 
     observations: tuple[Observation, ...]
@@ -87,6 +88,7 @@ class Step:
     done: bool
     held: int | None
     trace: tuple[GripperState, ...]
+    outcome: Outcome | None = None
 
     @property
     def grasped(self) -> bool:
@@ -215,10 +217,11 @@ class Environment(ABC):
             self._push(action, watch)
         else:
             held = self._pick_and_place(action, watch)
+        outcome = self.effector.outcome
         reward, done = self.conclude()
         watch("placed")
         observations = self.observe() if last_look or not done else ()
-        return Step(observations, reward, done, held, tuple(self.trace))
+        return Step(observations, reward, done, held, tuple(self.trace), outcome)
 
     def check(self, action: Action) -> None:
         """Refuse an action that cannot be carried out.

@@ -141,6 +141,20 @@ class Surfaces:
         (body,) = bodies
         return Grip(body.id, self._main_part(owners), tip, (low + high) / 2) if body.movable else None
 
+    def part_between(self, pose: Pose2, opening: float, width: float, tip: float) -> str:
+        """The name of the part of which most points lie between closed fingers; "" if there is none with a name.
+
+        Args:
+            pose: of the jaw in the world.
+            opening: the distance (m) of the fingers.
+            width: of a finger (m), along the jaw's x axis.
+            tip: the height (m) of the fingers' ends.
+        """
+        turn = np.array([[math.cos(pose.yaw), -math.sin(pose.yaw)], [math.sin(pose.yaw), math.cos(pose.yaw)]])
+        along, across = np.abs((self.points[:, :2] - (pose.x, pose.y)) @ turn).T
+        between = (along <= width / 2) & (across <= opening / 2 + SKIN) & (self.points[:, 2] > tip)
+        return self._main_part(self.owners[between]) if between.any() else ""
+
     def _main_part(self, owners: np.ndarray) -> str:
         """The name of the part with the most points. A part without a name counts only if no other is there."""
         counts = np.bincount(owners, minlength=len(self.parts))

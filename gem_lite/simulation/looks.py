@@ -42,6 +42,8 @@ class Look:
         touching: the share of bodies that are put next to another body, if there is room.
         at_edge: the share of bodies that are put against the table's edge.
         tools: pairs of end effectors: a task that names the first gets the second.
+        hulls_of_parts: whether things of which a part is to be grasped touch with the hulls of their parts. Without it,
+            they touch with the hull of the whole thing, and no finger reaches behind a handle.
     """
 
     name: str = "home"
@@ -60,6 +62,7 @@ class Look:
     touching: float = 0.0
     at_edge: float = 0.0
     tools: tuple[tuple[str, str], ...] = ()
+    hulls_of_parts: bool = False
 
     def tool(self, effector: str) -> str:
         """The end effector that a task gets which names ``effector``."""
@@ -116,6 +119,8 @@ KINECT_HARD = replace(
 REAL_TABLE = Look("real-table", cameras=AROUND_A_SMALL_TABLE)
 """The paper's real table (A.11) with perfect pictures: `real_table.WORKSPACE`."""
 REAL_TABLE_KINECT = replace(KINECT, name="real-table-kinect", cameras=AROUND_A_SMALL_TABLE)
+ARM = (("suction", "panda"), ("jaw", "panda"), ("parallel-jaw", "panda"))
+"""Franka's Panda in the place of every tool that picks and places."""
 WORLDS: Registry[Look] = Registry("world")
 """Every world by its name. Demonstrations come from "home", "varied", "crowded", "diverse" or "kinect"; those of
 the real tables from "real-table" or "real-table-kinect". The others only test."""
@@ -153,6 +158,7 @@ for _world in (
     REAL_TABLE,
     REAL_TABLE_KINECT,
     Look("narrow-suction", tools=(("suction", "narrow-suction"),)),
-    Look("panda", tools=(("suction", "panda"), ("jaw", "panda"))),
+    replace(HOME, name="panda", tools=ARM, hulls_of_parts=True),
+    replace(REAL_TABLE, name="real-table-panda", tools=ARM, hulls_of_parts=True),
 ):
     register(_world)

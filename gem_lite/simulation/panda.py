@@ -6,19 +6,22 @@ What a floating tool cannot show happens here: a pose may be out of reach, a gra
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable, Sequence
-from enum import Enum
 from functools import cache
+from pathlib import Path
 from typing import ClassVar
+from xml.etree import ElementTree
 
 import numpy as np
 import pybullet as p
 import pybullet_data
 
-from gem_lite.actions import Action, GripperState, PickPlace
+from gem_lite.actions import Action, GripperState, Outcome, PickPlace
 from gem_lite.se2 import Pose2, wrap
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import CLEARANCE, EFFECTORS, LOG_EVERY, Log
+from gem_lite.simulation.grips import Grip, Surfaces
 
 BASE = (0.02, 0.0, 0.0)
 """Where the arm stands (m): before the table, in the middle of its long side."""
@@ -32,17 +35,34 @@ RESTING = (0.0, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
 """The arm's joints (radians) above the middle of the table: where every search for joints begins."""
 FOLDED = (math.pi * 0.9, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
 """The arm's joints (radians) where it waits, turned away from the table."""
-OPEN = 0.04
-"""How far (m) each finger is from the middle when the gripper is open."""
+OPENINGS = (0.04, 0.03, 0.0235, 0.0175, 0.0125, 0.0075)
+"""How far (m) each finger is from the middle when the gripper is open: so wide as it has room on its way down."""
+FINGER = (0.006, 0.003, 0.0481)
+"""Width, thickness and length (m) of a finger. Franka's own are 20 mm wide: neighbours leave no room for them."""
 JOINT_STRIDE = 0.008
 """Radians per simulation step of the fastest joint: about 1.9 radians a second."""
 LINE_STRIDE = 0.001
 """Metres per simulation step of a straight motion."""
-LOWEST = 0.0135
-"""The lowest height (m) of the tip: then the fingers' ends are 2 mm above the table."""
+FINGER_END = 0.0541
+"""How far (m) below its joint a finger ends."""
+ABOVE_TABLE = 0.001
+LOWEST = 0.0075 + ABOVE_TABLE
+"""The lowest height (m) of the tip: then the fingers' ends are `ABOVE_TABLE` (m) above the table."""
+DEPTH = 0.012
+"""The fingers' ends go so far (m) below the top of what lies in the middle, as those of the floating jaw (`grips`)."""
 GRASP_FORCE = 30.0
 """The force (N) of each finger."""
 FRICTION = 1.0
+SOLVER_ITERATIONS = 150
+"""With PyBullet's 50, what is held turns between the fingers while the arm turns."""
+GAIN = 0.3
+"""The share of a joint's error that its motor corrects in one simulation step."""
+SETTLING = 20
+"""Simulation steps after which the arm has arrived where its joints were sent."""
+RETREAT = np.array([0.0, 0.0, 0.01])
+"""The way (m) of the fingers off what they rest on, before they open less."""
+LETTING_GO = 0.002
+"""How far (m) each finger moves at a time from what it lets go."""
 CLOSING = 120
 """Simulation steps that the gripper gets to close or to open."""
 REACHED = 0.0005
@@ -51,16 +71,6 @@ OTHER_BODY, NORMAL, DISTANCE, FORCE = 2, 7, 8, 9
 """PyBullet's places in a contact; the normal points to the first body."""
 PRESSED = 2.0
 """An upward force (N) on a finger that ends the way down."""
-
-
-class Outcome(Enum):
-    """What the last motion came to."""
-
-    HELD = "a body is held"
-    NOTHING_HELD = "the gripper closed and held nothing"
-    OUT_OF_REACH = "the arm cannot reach the pose"
-    DROPPED = "what was held was lost on the way"
-    PLACED = "what was held was put down"
 
 
 class Kinematics:
@@ -81,11 +91,7 @@ class Kinematics:
         turn = p.getQuaternionFromEuler((math.pi, 0.0, yaw))
         solution = np.array(start)
         for _ in range(20):
-            for joint, value in zip(ARM, solution, strict=True):
-                p.resetJointState(self._arm, joint, float(value), physicsClientId=self._client)
-            reached, orientation = p.getLinkState(
-                self._arm, TIP, computeForwardKinematics=True, physicsClientId=self._client
-            )[4:6]
+            reached, orientation = self._tip(solution)
             off = np.linalg.norm(np.subtract(reached, position))
             turned = p.getAxisAngleFromQuaternion(p.getDifferenceQuaternion(orientation, turn))[1]
             if off < REACHED and abs(wrap(turned)) < 0.01:
@@ -100,6 +106,18 @@ class Kinematics:
             return None
         return solution if ((solution >= self._lower) & (solution <= self._upper)).all() else None
 
+    def turned(self, joints: np.ndarray, yaw: float) -> np.ndarray:
+        """Joints (7,) whose last one brings the tip to a yaw, on the side where that joint has more room."""
+        _, orientation = self._tip(joints)
+        last = joints[-1] - (yaw - p.getEulerFromQuaternion(orientation)[2])
+        return np.array([*joints[:-1], wrap(last)])
+
+    def _tip(self, joints: np.ndarray) -> tuple[Sequence[float], Sequence[float]]:
+        """The position (m) and the quaternion of the tip at joints (7,)."""
+        for joint, value in zip(ARM, joints, strict=True):
+            p.resetJointState(self._arm, joint, float(value), physicsClientId=self._client)
+        return p.getLinkState(self._arm, TIP, computeForwardKinematics=True, physicsClientId=self._client)[4:6]
+
 
 @cache
 def kinematics() -> Kinematics:
@@ -108,9 +126,29 @@ def kinematics() -> Kinematics:
 
 
 def load_arm(client: int) -> int:
-    """Add the arm to a physics client. Returns the id of its body."""
-    path = f"{pybullet_data.getDataPath()}/franka_panda/panda.urdf"
-    return p.loadURDF(path, BASE, useFixedBase=True, physicsClientId=client)
+    """Add the arm with slim fingers to a physics client. Returns the id of its body."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "panda.urdf")
+        file.write_text(_with_slim_fingers())
+        return p.loadURDF(str(file), BASE, useFixedBase=True, physicsClientId=client)
+
+
+@cache
+def _with_slim_fingers() -> str:
+    """The arm's URDF with a box in the place of each finger, its inner face at the middle of the closed gripper."""
+    path = Path(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
+    urdf = ElementTree.fromstring(path.read_text().replace("package:/", str(path.parent)))
+    width, thickness, length = FINGER
+    for name, side in (("panda_leftfinger", 1), ("panda_rightfinger", -1)):
+        for kind in ("visual", "collision"):
+            (shape,) = urdf.findall(f"link[@name='{name}']/{kind}")
+            for part in (*shape.findall("origin"), *shape.findall("geometry")):
+                shape.remove(part)
+            middle = f"0 {side * thickness / 2} {FINGER_END - length / 2}"
+            ElementTree.SubElement(shape, "origin", xyz=middle)
+            box = ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box")
+            box.set("size", f"{width} {thickness} {length}")
+    return ElementTree.tostring(urdf, "unicode")
 
 
 @EFFECTORS.register("panda")
@@ -123,7 +161,7 @@ class Panda:
     Attributes:
         id: the id of the arm's body.
         held: the id of the body that it holds, or None.
-        outcome: what the last pick or place came to.
+        grip: what the last pick took, also after it is released; None if it took nothing.
     """
 
     actions: ClassVar[tuple[type[Action], ...]] = (PickPlace,)
@@ -132,14 +170,17 @@ class Panda:
         self._client = client  # ``parked`` is for tools that float: the arm folds beside the table.
         self._log = log
         self._kinematics = kinematics()
+        p.setPhysicsEngineParameter(numSolverIterations=SOLVER_ITERATIONS, physicsClientId=client)
         self.id = load_arm(client)
         self.held: int | None = None
+        self.grip: Grip | None = None
         self.outcome = Outcome.NOTHING_HELD
+        self._bodies: tuple[Body, ...] = ()  # those that it may hold
         self._half_turn = 0.0  # what is added to an action's yaw
         self._clock = 0
-        self._opening = OPEN
+        self._opening = OPENINGS[0]
         self._joints = np.array(FOLDED)
-        for joint, value in (*zip(ARM, FOLDED, strict=True), *((finger, OPEN) for finger in FINGERS)):
+        for joint, value in (*zip(ARM, FOLDED, strict=True), *((finger, self._opening) for finger in FINGERS)):
             p.resetJointState(self.id, joint, value, physicsClientId=client)
         for finger in FINGERS:
             p.changeDynamics(self.id, finger, lateralFriction=FRICTION, physicsClientId=client)
@@ -157,15 +198,10 @@ class Panda:
         if joints is None:
             self.outcome = Outcome.OUT_OF_REACH
             return False
-        self._move_fingers(OPEN)
+        self._move_fingers(OPENINGS[0])
         self._travel(joints)
-        self._go_down(pose, self._rests)
-        self._move_fingers(0.0)
-        first, second = self._touched()
-        self.held = min(first & second & {body.id for body in bodies if body.movable}, default=None)
-        self.outcome = Outcome.NOTHING_HELD if self.held is None else Outcome.HELD
-        self._go_up(pose)
-        self._notice_a_loss()
+        self._bodies = tuple(body for body in bodies if body.movable)
+        self._grasp(pose)
         return self.held is not None
 
     def place(self, pose: Pose2) -> None:
@@ -175,8 +211,9 @@ class Panda:
         """
         joints = self._reach(pose, (self._half_turn,))
         if joints is None:
-            x, y, _ = self._tip()
-            self._put_down(Pose2(float(x), float(y), self._yaw() - self._half_turn))
+            joints = self._turn_over(pose)
+        if joints is None:
+            self._put_down(self._here())
             self.outcome = Outcome.OUT_OF_REACH
             return
         self._travel(joints)
@@ -196,7 +233,7 @@ class Panda:
     def park(self) -> None:
         """Open the gripper and turn away from the table."""
         if self.held is not None:
-            self._move_fingers(OPEN)
+            self._move_fingers(OPENINGS[0])
             self.held = None
         self._travel(np.array(FOLDED))
 
@@ -211,15 +248,57 @@ class Panda:
         start[0] = math.atan2(pose.y - BASE[1], pose.x - BASE[0])
         for half_turn in half_turns:
             yaw = pose.yaw + half_turn
-            above = self._kinematics.joints(_point(pose, CLEARANCE), yaw, start)
+            above = self._kinematics.joints(_point(pose, CLEARANCE), yaw, self._kinematics.turned(start, yaw))
             if above is not None and self._kinematics.joints(_point(pose, LOWEST), yaw, above) is not None:
                 self._half_turn = half_turn
                 return above
         return None
 
+    def _grasp(self, pose: Pose2) -> None:
+        """Go down, opened as wide as there is room for the fingers, close, and lift."""
+        height = LOWEST + max(0.0, self._height_below() - DEPTH)
+        for opening in OPENINGS:
+            self._move_fingers(opening)
+            if self._go_down(pose, self._rests, height):
+                break
+            self._straight(self._tip() + RETREAT, pose.yaw + self._half_turn, lambda: False)
+        else:
+            self._go_down(pose, self._rests, height)
+        self._move_fingers(0.0)
+        first, second = self._touched()
+        self.held = min(first & second & {body.id for body in self._bodies}, default=None)
+        self.outcome = Outcome.NOTHING_HELD if self.held is None else Outcome.HELD
+        if self.held is None:
+            self.grip = None
+            self._let_go()
+        else:
+            (body,) = (body for body in self._bodies if body.id == self.held)
+            self.grip = self._grip(body)
+        self._go_up(pose)
+        self._notice_a_loss()
+
+    def _turn_over(self, place: Pose2) -> np.ndarray | None:
+        """Put the held body down and grasp it again after half a turn, if ``place`` can be reached so.
+
+        Returns:
+            The joints (7,) above ``place``; None if that does not help.
+        """
+        here = self._here()
+        half_turn = math.pi - self._half_turn
+        above_place = self._reach(place, (half_turn,))
+        above_here = self._reach(here, (half_turn,))
+        if above_place is None or above_here is None or self.held is None:
+            return None
+        self._half_turn = math.pi - half_turn
+        self._put_down(here)
+        self._half_turn = half_turn
+        self._travel(above_here)
+        self._grasp(here)
+        return above_place
+
     def _put_down(self, pose: Pose2) -> None:
         self._go_down(pose, self._held_touches)
-        self._move_fingers(OPEN)
+        self._let_go()
         self.held = None
         self._go_up(pose)
 
@@ -238,25 +317,36 @@ class Panda:
             self._simulate()
         self._wait(20)
 
-    def _straight(self, goal: np.ndarray, yaw: float, ends: Callable[[], bool]) -> None:
-        """Move the tip on a straight line to a goal (3,) (m), or until ``ends`` says so."""
+    def _straight(self, goal: np.ndarray, yaw: float, ends: Callable[[], bool]) -> bool:
+        """Move the tip on a straight line to a goal (3,) (m), or until ``ends`` says so. Returns whether it arrived."""
         start = self._tip()
         steps = max(1, math.ceil(float(np.linalg.norm(goal - start)) / LINE_STRIDE))
-        for step in range(1, steps + 1):
-            joints = self._kinematics.joints(start + (goal - start) * step / steps, yaw, self._joints)
+        for step in range(1, steps + 1 + SETTLING):
+            share = min(1.0, step / steps)
+            joints = self._kinematics.joints(start + (goal - start) * share, yaw, self._joints)
             if joints is None:
-                return
+                return False
             self._joints = joints
             self._simulate()
             if ends():
-                return
-        self._wait(10)
+                return False
+        return True
 
-    def _go_down(self, pose: Pose2, ends: Callable[[], bool]) -> None:
-        self._straight(_point(pose, LOWEST), pose.yaw + self._half_turn, ends)
+    def _go_down(self, pose: Pose2, ends: Callable[[], bool], height: float = LOWEST) -> bool:
+        return self._straight(_point(pose, height), pose.yaw + self._half_turn, ends)
 
     def _go_up(self, pose: Pose2) -> None:
         self._straight(_point(pose, CLEARANCE), pose.yaw + self._half_turn, lambda: False)
+
+    def _let_go(self) -> None:
+        """Open the fingers, no farther than until they touch nothing that can move."""
+        movable = {body.id for body in self._bodies}
+        spread = self._spread()
+        touching = True
+        while touching and spread < OPENINGS[0]:
+            spread = min(spread + LETTING_GO, OPENINGS[0])
+            self._move_fingers(spread)
+            touching = any(touched & movable for touched in self._touched())
 
     def _move_fingers(self, opening: float) -> None:
         self._opening = opening
@@ -269,7 +359,7 @@ class Panda:
     def _hold_joints(self) -> None:
         p.setJointMotorControlArray(
             self.id, list(ARM), p.POSITION_CONTROL, self._joints.tolist(), forces=[87.0] * 4 + [12.0] * 3,
-            physicsClientId=self._client,
+            positionGains=[GAIN] * 7, physicsClientId=self._client,
         )  # fmt: skip
         p.setJointMotorControlArray(
             self.id, list(FINGERS), p.POSITION_CONTROL, [self._opening] * 2, forces=[GRASP_FORCE] * 2,
@@ -281,16 +371,31 @@ class Panda:
         p.stepSimulation(physicsClientId=self._client)
         self._clock += 1
         if self._clock % LOG_EVERY == 0:
-            x, y, _ = self._tip()
-            self._log(GripperState(float(x), float(y), wrap(self._yaw() - self._half_turn), self.held is not None))
+            here = self._here()
+            self._log(GripperState(here.x, here.y, here.yaw, self.held is not None))
 
     # What the gripper feels
 
     def _tip(self) -> np.ndarray:
         return np.array(p.getLinkState(self.id, TIP, physicsClientId=self._client)[4])
 
+    def _here(self) -> Pose2:
+        """The pose of the tool now."""
+        x, y, _ = self._tip()
+        return Pose2(float(x), float(y), wrap(self._yaw() - self._half_turn))
+
     def _yaw(self) -> float:
         return float(p.getEulerFromQuaternion(p.getLinkState(self.id, TIP, physicsClientId=self._client)[5])[2])
+
+    def _height_below(self) -> float:
+        """How high (m) the scene is below the middle of the gripper, as a range finder in its palm measures it."""
+        tip = self._tip()
+        ((_, _, share, _, _),) = p.rayTest(tip, tip * (1, 1, 0), physicsClientId=self._client)
+        return float(tip[2]) * (1 - share)
+
+    def _spread(self) -> float:
+        """How far (m) the fingers are from the middle, as a mean."""
+        return float(np.mean([p.getJointState(self.id, finger, physicsClientId=self._client)[0] for finger in FINGERS]))
 
     def _contacts(self, link: int) -> list[tuple]:
         contacts = p.getContactPoints(bodyA=self.id, linkIndexA=link, physicsClientId=self._client)
@@ -299,6 +404,13 @@ class Panda:
     def _touched(self) -> list[set[int]]:
         """For each finger, the bodies that it touches."""
         return [{contact[OTHER_BODY] for contact in self._contacts(finger)} for finger in FINGERS]
+
+    def _grip(self, body: Body) -> Grip:
+        """What the closed fingers hold of a body."""
+        end = float(self._tip()[2]) - (LOWEST - ABOVE_TABLE)
+        surfaces = Surfaces.of(self._client, [body])
+        part = surfaces.part_between(self._here(), 2 * self._spread(), FINGER[0], end)
+        return Grip(body.id, part, end, 0.0)
 
     def _holds(self) -> bool:
         """Whether both fingers touch the held body."""

@@ -136,7 +136,8 @@ class PickObjectPart(Task):
             with suppress(TableFullError):
                 pose = free.take(OBJECT_RADIUS)
                 body = objects.add_object(
-                    environment.client, name, colors.rgba(color), pose, variant, scale=self.scale
+                    environment.client, name, colors.rgba(color), pose, variant, scale=self.scale,
+                    by_part=environment.style.hulls_of_parts,
                 )  # fmt: skip
                 self.put(environment, body, f"{color} {name}")
         return box, zone

@@ -11,7 +11,7 @@ import numpy as np
 from gem_lite.actions import ExpertAction, Push
 from gem_lite.foundations import colors
 from gem_lite.language import Instruction
-from gem_lite.se2 import Workspace
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.bodies.shapes import Body
 from gem_lite.simulation.effectors import EFFECTORS
 from gem_lite.simulation.environment import Environment
@@ -110,14 +110,15 @@ class Task(ABC):
         return done / sum(goal.share for goal in self.goals)
 
     def expert(self, environment: Environment) -> ExpertAction | None:
-        """The next action, from ground truth, or None if all goals are reached."""
+        """The next action, from ground truth. None if no goal is left, or if the next body lies off the tables."""
         reached = self._reached_now(environment)
         if reached == len(self.goals):
             return None
         goal = self.goals[reached]
-        if Push in EFFECTORS.find(self.effector).actions:
-            return goals.push(environment, goal)
-        return goals.pick_and_place(environment, goal)
+        act = goals.push if Push in EFFECTORS.find(self.effector).actions else goals.pick_and_place
+        expert = act(environment, goal)
+        poses = [value for value in vars(expert.action).values() if isinstance(value, Pose2)]
+        return expert if all(self.workspace.contains(pose.x, pose.y) for pose in poses) else None
 
     def placed(self, environment: Environment) -> set[int]:
         """The ids of the bodies that are already at their targets. To pick one of them is a mistake."""

@@ -80,11 +80,12 @@ def part_names(name: str) -> tuple[str, ...]:
 
 
 def add_object(
-    client: int, name: str, color: RGBA, pose: Pose2, variant: int = 0, movable: bool = True, scale: float = 1.0
+    client: int, name: str, color: RGBA, pose: Pose2, variant: int = 0, movable: bool = True, scale: float = 1.0,
+    by_part: bool = False,
 ) -> Body:  # fmt: skip
     """Put an object on the table. The first part is the body's base; part i is its link i - 1.
 
-    Its contact shape is the convex hull of all parts.
+    Its contact shape is the convex hull of all parts; ``by_part``, that of each part.
     """
     colored = [replace(part, rgba=part.rgba or color) for part in parts(name, variant, scale)]
-    return add_hull(client, join(*[part.mesh for part in colored]), colored, pose, 0.03, movable)
+    return add_hull(client, join(*[part.mesh for part in colored]), colored, pose, 0.03, movable, by_part)

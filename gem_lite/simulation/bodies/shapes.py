@@ -5,9 +5,11 @@ Every body's origin is its centre in x and y; its lowest point is at z = 0 of th
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from pathlib import Path
 
 import numpy as np
 import pybullet as p
@@ -259,6 +261,20 @@ def collide_boxes(client: int, half: Sequence, middles: Sequence, turns: Sequenc
     )
 
 
+def collide_hulls(client: int, meshes: Sequence[trimesh.Trimesh], lower: float) -> int:
+    """PyBullet's contact shape of the convex hulls of several meshes, ``lower`` (m) than their frame."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "hulls.obj")  # PyBullet makes a hull of each object in a file.
+        lines, first = [], 1
+        for number, mesh in enumerate(meshes):
+            hull = mesh.convex_hull
+            lines += [f"o {number}", *(f"v {x} {y} {z}" for x, y, z in hull.vertices - [0, 0, lower])]
+            lines += [f"f {a} {b} {c}" for a, b, c in hull.faces + first]
+            first += len(hull.vertices)
+        file.write_text("\n".join(lines))
+        return p.createCollisionShape(p.GEOM_MESH, fileName=str(file), physicsClientId=client)
+
+
 def boxes_mesh(bounds: Bounds) -> trimesh.Trimesh:
     """Several boxes as one mesh, from their lowest and highest corners (N, 2, 3) (m)."""
     return join(*[trimesh.creation.box(bounds=box) for box in bounds])
@@ -309,13 +325,17 @@ def add_mesh(
 
 
 def add_hull(
-    client: int, whole: trimesh.Trimesh, parts: Sequence[Part], pose: Pose2, mass: float, movable: bool
+    client: int, whole: trimesh.Trimesh, parts: Sequence[Part], pose: Pose2, mass: float, movable: bool,
+    by_part: bool = False,
 ) -> Body:  # fmt: skip
-    """Coloured parts as one body. Its contact shape is the convex hull of the ``whole``."""
+    """Coloured parts as one body. Its contact shape is the hull of the ``whole``, or of each part (``by_part``)."""
     lower = whole.extents[2] / 2
-    hull = whole.convex_hull.vertices - [0, 0, lower]
     visuals = [create_visual(client, part.mesh, part.rgba, lower) for part in parts]
-    collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
+    if by_part:
+        collision = collide_hulls(client, [part.mesh for part in parts], lower)
+    else:
+        hull = whole.convex_hull.vertices - [0, 0, lower]
+        collision = p.createCollisionShape(p.GEOM_MESH, vertices=hull.tolist(), physicsClientId=client)
     return create_body(client, collision, visuals, pose, lower, mass, movable, parts=parts)
 
 
