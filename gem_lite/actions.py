@@ -55,6 +55,7 @@ class Outcome(Enum):
     NOTHING_HELD = "nothing held"
     OUT_OF_REACH = "out of reach"
     DROPPED = "dropped"
+    NO_ANSWER = "no answer"
 
 
 MOST_EQUAL_YAWS = 360

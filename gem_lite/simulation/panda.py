@@ -63,6 +63,8 @@ RETREAT = np.array([0.0, 0.0, 0.01])
 """The way (m) of the fingers off what they rest on, before they open less."""
 LETTING_GO = 0.002
 """How far (m) each finger moves at a time from what it lets go."""
+RELEASING = 25
+"""Simulation steps that the fingers get for each such move."""
 CLOSING = 120
 """Simulation steps that the gripper gets to close or to open."""
 REACHED = 0.0005
@@ -345,7 +347,8 @@ class Panda:
         touching = True
         while touching and spread < OPENINGS[0]:
             spread = min(spread + LETTING_GO, OPENINGS[0])
-            self._move_fingers(spread)
+            self._opening = spread
+            self._wait(RELEASING)
             touching = any(touched & movable for touched in self._touched())
 
     def _move_fingers(self, opening: float) -> None:
