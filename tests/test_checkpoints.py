@@ -112,6 +112,22 @@ def test_bad_checkpoints_are_refused_in_a_sentence(policy, model, tmp_path):
         load_policy(tmp_path / "none.safetensors", model)
 
 
+@pytest.mark.parametrize("ending", ["", "with-steerable-encoder"])
+def test_a_state_dict_is_the_same_in_both_modes_and_loads_in_both(model, ending):
+    config = SMALL.ablated(ending) if ending else SMALL
+    trained, other = Gem(config, model, seed=1), Gem(config, model, seed=2)
+    states = {training: trained.train().train(training).state_dict() for training in (True, False)}
+    assert states[True].keys() == states[False].keys() and not any("filter" in key for key in states[False])
+    for training in (False, True):
+        other.train(training).load_state_dict(states[not training])
+        assert same(other, trained)
+        found, expected = other.eval(), trained.eval()
+        crop = torch.rand(1, found.place.kernel._sizes[0], 17, 17)
+        assert torch.equal(found.place.kernel(crop), expected.place.kernel(crop)), "its filters are of these weights"
+        for parameter in other.parameters():
+            parameter.data.add_(1.0)
+
+
 COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it))}
 
 

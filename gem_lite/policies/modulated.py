@@ -21,7 +21,7 @@ from e2cnn import gspaces
 from e2cnn import nn as enn
 from torch import nn
 
-from gem_lite.policies.networks import decoder_widths, rebuild
+from gem_lite.policies.networks import FieldConvolution, decoder_widths, rebuild
 from gem_lite.se2 import CELLS_MULTIPLE
 
 
@@ -42,7 +42,7 @@ class RegularConvolution(nn.Module):
         output = enn.FieldType(space, outputs * [space.regular_repr])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # see `networks.CropKernel`
-            self.layer = enn.R2Conv(self._input, output, 3, padding=1, recompute=True)
+            self.layer = FieldConvolution(self._input, output, 3)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(B, inputs or inputs * n, H, W) to (B, outputs * n, H, W)."""

@@ -10,13 +10,14 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import cast
+from typing import Self, cast
 
 import torch
 import torch.nn.functional as F
 from e2cnn import gspaces
 from e2cnn import nn as enn
 from torch import nn
+from typing_extensions import override
 
 from gem_lite.se2 import CELLS_MULTIPLE
 from gem_lite.steerable import disc
@@ -204,9 +205,9 @@ class CropKernel(nn.Module):
             # e2cnn 0.2.3 indexes with uint8 masks, which torch still allows.
             warnings.simplefilter("ignore")
             for _ in range(3):
-                layers += [_convolution(previous, hidden), enn.ReLU(hidden, inplace=True)]
+                layers += [FieldConvolution(previous, hidden, 5), enn.ReLU(hidden, inplace=True)]
                 previous = hidden
-            self.layers = enn.SequentialModule(*layers, _convolution(hidden, output))
+            self.layers = enn.SequentialModule(*layers, FieldConvolution(hidden, output, 5))
 
     def forward(self, crop: torch.Tensor) -> torch.Tensor:
         """(B, inputs, h, h) to (B, channels, h, h)."""
@@ -217,9 +218,33 @@ class CropKernel(nn.Module):
         return rebuild, (type(self), self._sizes, dict(self.named_parameters()), self.training)
 
 
-def _convolution(inputs: enn.FieldType, outputs: enn.FieldType) -> enn.R2Conv:
-    """A layer with bases of its own. Otherwise all models share e2cnn's, and `to` would change them for all."""
-    return enn.R2Conv(inputs, outputs, 5, padding=2, recompute=True)
+class FieldConvolution(enn.R2Conv):
+    """e2cnn's convolution of fields, with bases of its own and one state dict for both modes.
+
+    Without bases of its own, all models would share e2cnn's, and `to` would change them for all. In the mode of
+    evaluation, e2cnn keeps the filter that it makes from the weights; this is no state.
+    """
+
+    def __init__(self, inputs: enn.FieldType, outputs: enn.FieldType, size: int) -> None:
+        super().__init__(inputs, outputs, size, padding=size // 2, recompute=True)
+        self.register_load_state_dict_post_hook(_expand_again)
+
+    @override
+    def train(self, mode: bool = True) -> Self:
+        super().train(mode)
+        for name in ("filter", "expanded_bias"):
+            if hasattr(self, name):
+                value = getattr(self, name)
+                delattr(self, name)
+                self.register_buffer(name, value, persistent=False)
+        return self
+
+
+def _expand_again(layer: nn.Module, _: object) -> None:
+    """After a layer got other weights, let it make its filter from them."""
+    if not layer.training:
+        with torch.no_grad():
+            layer.train().eval()
 
 
 def rebuild(
