@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gem_lite import clip, tasks
-from gem_lite.actions import PickPlace, Push
+from gem_lite.actions import Outcome, PickPlace, Push
 from gem_lite.cli import main
 from gem_lite.evaluation import actors, evaluate, results, workers
 from gem_lite.evaluation.evaluate import Measurement
@@ -178,7 +178,7 @@ def test_episodes_come_in_chunks():
 
 @pytest.mark.parametrize(("rewards", "total"), [((0.1, 0.2, -0.3), 0.0), ((0.7, 0.1, 0.2), 1.0), ((0.5, -0.25), 0.25)])
 def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, rewards, total):
-    result = SimpleNamespace(observations=(), grasped=True, done=False)
+    result = SimpleNamespace(observations=(), grasped=True, done=False, outcome=Outcome.PUSHED)
     steps = [SimpleNamespace(**vars(result) | {"reward": reward}) for reward in rewards]
     steps[-1].done = True
     world = SimpleNamespace(begin=lambda *_: None, observe=tuple, steps_taken=0, step=lambda *_, **__: steps.pop(0))
@@ -187,4 +187,5 @@ def test_gains_and_losses_add_up_to_a_reward_between_0_and_1(monkeypatch, reward
     push = Push(Pose2(0.5, 0.0), Pose2(0.6, 0.0))
     episode = evaluate.run_episode(world, lambda *_: push, TASK, "test", 0)
     assert 0.0 <= episode.reward <= 1.0 and episode.reward == pytest.approx(total)
+    assert episode.outcomes == ("pushed",) * len(rewards)
     results.reward_entries({0: episode.reward})

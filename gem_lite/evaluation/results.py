@@ -109,11 +109,13 @@ def result_row(method: str, task_name: str, episodes: Sequence[Episode], subset:
     ``retaken`` counts those of them that picked such a body, ``outcomes`` what the actions came to.
     """
     names = {"method": method, "task": task_name, "subset": subset, "skipped": []}
-    counts = {
+    counts: dict[str, object] = {
         "placed_decisions": sum(episode.placed_decisions for episode in episodes),
         "retaken": sum(episode.retaken for episode in episodes),
-        "outcomes": dict(Counter(outcome for episode in episodes for outcome in episode.outcomes)),
     }
+    outcomes = Counter(outcome for episode in episodes for outcome in episode.outcomes)
+    if outcomes:
+        counts["outcomes"] = dict(outcomes)
     return names | facts | counts | reward_entries({episode.index: episode.reward for episode in episodes})
 
 
