@@ -122,7 +122,8 @@ def lies_as_at_home(style):
     return dataclasses.replace(style, **look) == HOME
 
 
-OTHER_WORLDS = [name for name in looks.names() if not lies_as_at_home(looks.style(name))]
+# "real-table-panda" is "panda" with the cameras of the real tables: test_panda.py.
+OTHER_WORLDS = sorted({name for name in looks.names() if not lies_as_at_home(looks.style(name))} - {"real-table-panda"})
 
 
 @pytest.mark.parametrize("name", OTHER_WORLDS)
