@@ -1,11 +1,11 @@
-"""A driver for a robot behind a socket, with the names of `gem_lite.simulation.effectors.Effector`. Copy and change it.
+"""A driver for a robot behind a socket. Copy it and change it.
 
-Each command is a line of JSON. The robot answers each with a line: "done", or the value of another `Outcome`.
+To a line of JSON the robot answers "done", "nothing held", "out of reach" or "dropped"; to a stop also while it moves.
 """
 
 import json
 import socket
-from dataclasses import dataclass
+import threading
 
 import numpy as np
 
@@ -14,58 +14,60 @@ from gem_lite.policies.robot_plan import pose_at
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.se2 import Pose2
 
+ABOVE, DEPTH, LOWEST = 0.2, 0.012, 0.002  # m: over a pose it travels; below a top it grasps; but not below this
 
-@dataclass
+
 class SocketRobot:
-    """A dry run prints all commands and sends none. If an answer takes longer than ``timeout`` (s), the robot stops."""
+    """In a dry run, nothing is sent. Without an answer in ``timeout`` (s), the robot is told to stop."""
 
-    address: tuple[str, int]
-    base_from_table: np.ndarray
-    timeout: float = 10.0
-    dry_run: bool = False
-    held: float | None = None  # how high (m) above its lower side the robot holds a thing
-    outcome: Outcome = Outcome.NOTHING_HELD
+    def __init__(self, address: tuple[str, int], base_from_table: np.ndarray, timeout: float = 10.0) -> None:
+        self.address, self.base_from_table, self.timeout, self.dry_run = address, base_from_table, timeout, False
+        self.outcome, self.stopped, self.height = Outcome.NOTHING_HELD, threading.Event(), 0.0
+        self.held: float | None = None  # the height (m) of the grasp: the tool lets go so far above a surface
 
     def pick(self, pose: Pose2, heightmap: HeightMap) -> bool:
         """Grasp what lies at a pose. Returns whether something is held."""
-        height = self._act("close", pose, heightmap, Outcome.HELD)
-        self.held = height if self.outcome is Outcome.HELD else None
+        self.outcome = self._act(("open", "above", "down", "close", "above"), pose, heightmap, -DEPTH, Outcome.HELD)
+        self.held = self.height if self.outcome is Outcome.HELD else None
         return self.held is not None
 
     def place(self, pose: Pose2, heightmap: HeightMap) -> None:
         """Put the held thing on what lies at a pose."""
-        self._act("open", pose, heightmap, Outcome.PLACED)
-        self.held = None if self.outcome is Outcome.PLACED else self.held
+        if self.held is not None:
+            self.outcome = self._act(("above", "down", "open", "above"), pose, heightmap, self.held, Outcome.PLACED)
+            self.held = None
 
     def stop(self) -> bool:
-        """Stop at once: from any thread, over a connection of its own. Returns whether the robot confirms it."""
-        return self.ask("stop") == "done"
+        """Stop, from any thread. Nothing more is sent until ``stopped.clear()``. Returns whether the robot confirms."""
+        self.stopped.set()
+        return self._ask({"do": "stop"}) == "done"
 
-    def _act(self, grip: str, pose: Pose2, heightmap: HeightMap, success: Outcome) -> float:
-        answer = Outcome.OUT_OF_REACH.value
-        height = 0.0
-        if heightmap.workspace.contains(pose.x, pose.y):
-            table_pose = pose_at(pose, heightmap)
-            height = float(table_pose[2, 3])
-            for command, above in (("move", 0.2), ("move", 0.0), (grip, 0.0), ("move", 0.2)):  # m
-                table_pose[2, 3] = height + (self.held or 0.0) + above
-                answer = self.ask(command, self.base_from_table @ table_pose)
-                if answer != "done":
-                    self.stop()
-                    break
-        self.outcome = success if answer == "done" else Outcome(answer)
-        return height
+    def _act(self, steps: tuple, pose: Pose2, heightmap: HeightMap, lift: float, success: Outcome) -> Outcome:
+        if not heightmap.workspace.contains(pose.x, pose.y):
+            return Outcome.OUT_OF_REACH
+        target = pose_at(pose, heightmap)
+        self.height = max(LOWEST, float(target[2, 3]) + lift)
+        for step in steps:
+            target[2, 3] = self.height + ABOVE * (step == "above")
+            answer = self._ask({"do": step, "pose": (self.base_from_table @ target).round(4).tolist()})
+            if step == "close" and answer == "nothing held":
+                self._act(("open", "above"), pose, heightmap, lift, success)
+            elif answer == "no answer":
+                self.stop()
+            if answer != "done":
+                return Outcome(answer)
+        return success
 
-    def ask(self, command: str, pose: np.ndarray | None = None) -> str:
-        """The answer to a command; to an unknown answer or none, "no answer"."""
-        line = json.dumps({"do": command, "pose": None if pose is None else pose.round(4).tolist()})
+    def _ask(self, command: dict) -> str:
+        if self.stopped.is_set() and command["do"] != "stop":
+            return "stopped"
         if self.dry_run:
-            print(line)
+            print(json.dumps(command))
             return "done"
         try:
             with socket.create_connection(self.address, self.timeout) as link, link.makefile("rw") as stream:
-                print(line, file=stream, flush=True)
+                print(json.dumps(command), file=stream, flush=True)
                 answer = stream.readline().strip()
-        except OSError:  # Nobody listens, or there is no answer in time.
+        except (OSError, ValueError):  # Nobody listens, there is no answer in time, or it is no text.
             answer = ""
-        return answer if answer in {"done", *(outcome.value for outcome in Outcome)} else Outcome.NO_ANSWER.value
+        return answer if answer in {"done", "nothing held", "out of reach", "dropped"} else "no answer"

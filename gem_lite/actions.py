@@ -56,6 +56,7 @@ class Outcome(Enum):
     OUT_OF_REACH = "out of reach"
     DROPPED = "dropped"
     NO_ANSWER = "no answer"
+    STOPPED = "stopped"
 
 
 MOST_EQUAL_YAWS = 360

@@ -109,13 +109,15 @@ def test_openpis_client_gets_poses_a_refusal_and_times_from_the_command(multi, t
     [
         (b"\xc1", "the message is damaged"),
         (pack(request())[:1000], "the message is damaged"),
-        ("words", "the message is damaged"),
+        ("words", "it must be bytes, got a text"),
         (pack([1, 2]), "a message must be a dict, got list"),
         (pack({"prompt": SENTENCE}), "the message lacks colors, depths, intrinsics, poses"),
         (pack(request(depths=[np.zeros(3)] * len(SCENE.views))), "depths (H, W), got"),
         (pack(request(colors=7)), "colors must be a list with an array for each camera, got int"),
         (pack(request(poses=[])), "must be equally many"),
-        (pack(request(empty_picks=np.zeros(2))), "reshape"),
+        (pack(request(empty_picks=np.zeros(2))), "empty_picks must be an array (N, 3)"),
+        (pack(request(empty_picks={"a": 1})), "empty_picks must be an array (N, 3)"),
+        (msgpack.packb({b"__npgeneric__": True, b"data": 300, b"dtype": "|i1"}), "the message is damaged"),
         (msgpack.packb({b"__ndarray__": True, b"data": b"ab", b"dtype": "|O", b"shape": [1]}), "must hold numbers"),
         (
             msgpack.packb({b"__ndarray__": True, b"data": b"ab", b"dtype": "<f4", b"shape": [9]}),
@@ -182,6 +184,20 @@ def test_who_listens_elsewhere_asks_for_a_token(echo, monkeypatch, capsys):
     assert "host '0.0.0.0' can be reached from other machines: a token is needed" in capsys.readouterr().err
 
 
+def test_a_web_page_may_not_ask_and_a_failure_is_told_from_a_wrong_message(echo, caplog):
+    with serve() as port:
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(f"ws://127.0.0.1:{port}", origin="http://example.org")
+        with connect(f"ws://127.0.0.1:{port}") as link:
+            link.recv()
+            link.send(pack({}))  # The stand-in for a policy fails: it wants a number.
+            assert link.recv() == serving.FAILED and "KeyError" in caplog.text
+            link.send(pack({"number": 8}))
+            assert unpack(link.recv())["number"] == 8
+    with pytest.raises(ValueError, match="must be of ASCII"):
+        serving.PolicyServer(None, {}, "für dich")
+
+
 def test_a_push_has_a_start_and_an_end(multi):
     found = serving.answer(multi, request("push the pile of red blocks into the blue square"))
     assert found["refusal"] or (found["kind"] == "push" and found["start"].shape == found["end"].shape == (2,))
@@ -196,5 +212,7 @@ def test_messages_come_back_as_they_were():
     found = unpack(pack(message))
     assert found["a"] == message["a"] and np.array_equal(found["b"], message["b"]) and found["b"].dtype == np.float32
     assert found["c"] == 2.0 and isinstance(found["c"], np.float32)
-    with pytest.raises(TypeError, match="holds no set"):
-        pack({"a": set()})
+    assert found["b"].flags.writeable and unpack(pack(np.array([1.0], ">f4"))).dtype == np.float32
+    for value, said in ((set(), "holds no set"), (np.array([object()]), "no numbers of the type object")):
+        with pytest.raises(TypeError, match=said):
+            pack({"a": value})

@@ -50,25 +50,35 @@ def test_it_comes_from_above_grasps_carries_and_lets_go():
         robot.place(PLACE, HEIGHTMAP)
         assert robot.outcome is Outcome.PLACED and robot.held is None
         got = commands()
-    assert [command["do"] for command in got] == ["move", "move", "close", "move", "move", "move", "open", "move"]
-    poses = np.array([command["pose"] for command in got])
-    assert poses[:, 2, 3] == pytest.approx([0.34, 0.14, 0.14, 0.34, 0.38, 0.18, 0.18, 0.38]), "0.04 m is held"
-    assert np.allclose(poses[:4, :2, 3], [-0.2, 0.7]) and np.allclose(poses[4:, :2, 3], [0.2, 0.9])
+    said = ["open", "above", "down", "close", "above", "above", "down", "open", "above"]
+    assert [command["do"] for command in got] == said
+    poses = np.array([command["pose"] for command in got if command["do"] in ("above", "down")])
+    expected = [0.328, 0.128, 0.328, 0.368, 0.168, 0.368]
+    assert poses[:, 2, 3] == pytest.approx(expected), "it grasps 12 mm below the top, and lets go as much higher"
+    assert np.allclose(poses[:3, :2, 3], [-0.2, 0.7]) and np.allclose(poses[3:, :2, 3], [0.2, 0.9])
 
 
-@pytest.mark.parametrize("outcome", [Outcome.NOTHING_HELD, Outcome.OUT_OF_REACH])
-def test_a_failure_has_a_name_ends_the_motion_and_the_next_act_goes_on(outcome):
-    with robot_that("close", outcome.value) as (robot, commands):
+def test_after_an_empty_grasp_it_opens_rises_and_goes_on():
+    with robot_that("close", "nothing held") as (robot, commands):
         for _ in range(2):
-            assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is outcome
-        assert [command["do"] for command in commands()] == ["move", "move", "close", "stop"] * 2
+            assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.NOTHING_HELD
+        robot.place(PLACE, HEIGHTMAP)
+        assert robot.outcome is Outcome.NOTHING_HELD, "there is nothing to place"
+        said = ["open", "above", "down", "close", "open", "above"]
+        assert [command["do"] for command in commands()] == 2 * said
+
+
+def test_what_the_robot_cannot_reach_is_said():
+    with robot_that("above", "out of reach") as (robot, commands):
+        assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.OUT_OF_REACH
+        assert [command["do"] for command in commands()] == ["open", "above"]
 
 
 def test_what_drops_on_the_way_is_said():
-    with robot_that("open", "dropped") as (robot, _):
+    with robot_that("0.368", "dropped") as (robot, _):  # above the place
         assert robot.pick(PICK, HEIGHTMAP)
         robot.place(PLACE, HEIGHTMAP)
-        assert robot.outcome is Outcome.DROPPED
+        assert robot.outcome is Outcome.DROPPED and robot.held is None
 
 
 def test_a_robot_that_does_not_answer_in_time_is_stopped():
@@ -86,7 +96,8 @@ def test_a_stop_comes_through_while_a_motion_is_waited_for():
         time.sleep(0.5)
         assert act.is_alive() and robot.stop()
         act.join(timeout=5)
-        assert not act.is_alive() and robot.outcome is Outcome.NO_ANSWER
+        assert not act.is_alive() and robot.held is None
+        assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.STOPPED, "it stays stopped"
 
 
 def test_nothing_is_sent_for_a_pose_beside_the_table_or_in_a_dry_run(capsys):
@@ -96,13 +107,14 @@ def test_nothing_is_sent_for_a_pose_beside_the_table_or_in_a_dry_run(capsys):
         assert robot.pick(PICK, HEIGHTMAP) and robot.stop()
         assert commands() == []
     printed = [json.loads(line)["do"] for line in capsys.readouterr().out.splitlines()]
-    assert printed == ["move", "move", "close", "move", "stop"]
+    assert printed == ["open", "above", "down", "close", "above", "stop"]
 
 
 def test_nobody_listens_or_the_answer_is_unknown():
     assert not SocketRobot(("127.0.0.1", 9), BASE, 0.5).stop()
-    with robot_that("move", "hello") as (robot, _):
-        assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.NO_ANSWER
+    for answer in ("hello", "held", "placed"):
+        with robot_that("above", answer) as (robot, _):
+            assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.NO_ANSWER and robot.stopped.is_set()
 
 
 def test_it_is_short():

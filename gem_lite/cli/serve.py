@@ -29,12 +29,14 @@ def serve(checkpoint: Path, /, *, host: str = "127.0.0.1", port: int = 8000, cli
     """
     from gem_lite import clip as clips
     from gem_lite.policies import checkpoints
+    from gem_lite.policies.gem import Gem
     from gem_lite.serving.server import PolicyServer
 
     card = checkpoints.read_card(checkpoint)
     policy = checkpoints.load_policy(checkpoint, clips.load(clip)).eval()
     facts = {name: card.get(name) for name in ("method", "task", "sha256")}
     facts["rectangle"] = list(policy.config.workspace.limits)
+    facts["refuses"] = isinstance(policy, Gem)
 
     async def run() -> None:
         server = await PolicyServer(policy, facts, os.environ.get(TOKEN, "")).start(host, port)

@@ -4,14 +4,15 @@ The server speaks the protocol of openpi's websocket client. After the connectio
 it answers each message, a dict:
 
     prompt        the sentence
-    colors        for each camera (H, W, 3) uint8
-    depths        for each camera (H, W) metres
-    intrinsics    for each camera (3, 3)
-    poses         for each camera (4, 4), from its axes to the table's frame
+    colors        for each camera (H, W, 3) uint8 RGB
+    depths        for each camera (H, W) floating point numbers: metres along its axis, 0 where nothing was measured
+    intrinsics    for each camera (3, 3), in pixels
+    poses         for each camera (4, 4), from its axes (x right, y down, z forward) to the table's frame, in metres
     empty_picks   optional, (N, 3): x, y (m) and yaw (radians) where the tool has just grasped nothing
 
 The answer is a dict, too: see `answer`. A message that is not allowed gets a text with the reason, and the connection
-stays; openpi's client raises it as RuntimeError.
+stays; openpi's client raises it as RuntimeError. Only a message above `LARGEST_MESSAGE` ends its connection. Web pages
+may not ask: their requests name an origin.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import asyncio
 import hmac
 import http
 import ipaddress
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -40,7 +42,9 @@ from gem_lite.se2 import Pose2
 from gem_lite.serving.messages import pack, unpack
 
 LARGEST_MESSAGE = 2**26
-"""Bytes of a message: nine cameras of 1280 x 720 have less. A larger one ends its connection."""
+"""Bytes of a message. Ten cameras of 1280 x 720 with depths in float32 have less."""
+FAILED = "the server failed: see its log"
+LOG = logging.getLogger(__name__)
 ARRAYS = ("colors", "depths", "intrinsics", "poses")
 
 
@@ -94,7 +98,10 @@ def _read(message: object) -> tuple[Observation, str, Sequence[Pose2]]:
     for name in ARRAYS:
         if not isinstance(message[name], list | np.ndarray):
             raise ValueError(f"{name} must be a list with an array for each camera, got {type(message[name]).__name__}")
-    picks = np.asarray(message.get("empty_picks", ()), float).reshape(-1, 3)
+    given = message.get("empty_picks", np.zeros((0, 3)))
+    if not isinstance(given, np.ndarray) or given.ndim != 2 or given.shape[1] != 3:
+        raise ValueError("empty_picks must be an array (N, 3)")
+    picks = given.astype(float)
     observation = Observation.from_arrays(*(message[name] for name in ARRAYS))
     return observation, message["prompt"], [Pose2(*pick) for pick in picks.tolist()]
 
@@ -105,10 +112,15 @@ class PolicyServer:
     Args:
         policy: in the mode of acting.
         facts: what a client gets after the connection.
-        token: what a client must know; without one, everybody may ask.
+        token: what a client must know, in ASCII; without one, everybody may ask.
+
+    Raises:
+        ValueError: the token has other characters.
     """
 
     def __init__(self, policy: Policy, facts: Mapping[str, object], token: str = "") -> None:
+        if not token.isascii():
+            raise ValueError("the token must be of ASCII characters")
         self.policy = policy
         self.facts = dict(facts)
         self.token = token
@@ -124,7 +136,14 @@ class PolicyServer:
         if not self.token and not is_loopback(host):
             raise ValueError(f"host {host!r} can be reached from other machines: a token is needed")
         return await serve(
-            self._talk, host, port, process_request=self._admit, max_size=LARGEST_MESSAGE, compression=None, max_queue=1
+            self._talk,
+            host,
+            port,
+            process_request=self._admit,
+            max_size=LARGEST_MESSAGE,
+            max_queue=1,
+            compression=None,
+            origins=[None],
         )
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -141,14 +160,19 @@ class PolicyServer:
                 await connection.send(await self._answered(content))
 
     async def _answered(self, content: bytes | str) -> bytes | str:
-        start = time.perf_counter()
+        if isinstance(content, str):
+            return "the message is damaged: it must be bytes, got a text"
         try:
-            message = unpack(content if isinstance(content, bytes) else content.encode())
+            message = unpack(content)
+            start = time.perf_counter()
             async with self._busy:
                 waited = _since(start)
                 found = await asyncio.to_thread(answer, self.policy, message)
         except ValueError as error:
             return str(error)
+        except Exception:
+            LOG.exception(FAILED)
+            return FAILED
         found["server_timing"]["waited_ms"] = waited
         return pack(found)
 

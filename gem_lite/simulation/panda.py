@@ -24,7 +24,7 @@ from gem_lite.simulation.effectors import CLEARANCE, EFFECTORS, LOG_EVERY, Log
 from gem_lite.simulation.grips import Grip, Surfaces
 
 BASE = (0.02, 0.0, 0.0)
-"""Where the arm stands (m): before the table, in the middle of its long side."""
+"""Where the arm stands (m): in front of the table, at the middle of its long side."""
 ARM = range(7)
 """The joints of the arm."""
 FINGERS = (9, 10)
@@ -36,7 +36,8 @@ RESTING = (0.0, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
 FOLDED = (math.pi * 0.9, -0.6, 0.0, -2.4, 0.0, 1.8, math.pi / 4)
 """The arm's joints (radians) where it waits, turned away from the table."""
 OPENINGS = (0.04, 0.03, 0.0235, 0.0175, 0.0125, 0.0075)
-"""How far (m) each finger is from the middle when the gripper is open: so wide as it has room on its way down."""
+"""How far (m) each finger is from the middle when the gripper is open. The arm takes the first with which no finger
+rests on something."""
 FINGER = (0.006, 0.003, 0.0481)
 """Width, thickness and length (m) of a finger. Franka's own are 20 mm wide: neighbours leave no room for them."""
 JOINT_STRIDE = 0.008
@@ -46,6 +47,7 @@ LINE_STRIDE = 0.001
 FINGER_END = 0.0541
 """How far (m) below its joint a finger ends."""
 ABOVE_TABLE = 0.001
+"""The fingers' ends stay so far (m) above the table."""
 LOWEST = 0.0075 + ABOVE_TABLE
 """The lowest height (m) of the tip: then the fingers' ends are `ABOVE_TABLE` (m) above the table."""
 DEPTH = 0.012
@@ -60,7 +62,7 @@ GAIN = 0.3
 SETTLING = 20
 """Simulation steps after which the arm has arrived where its joints were sent."""
 RETREAT = np.array([0.0, 0.0, 0.01])
-"""The way (m) of the fingers off what they rest on, before they open less."""
+"""How far (m) the fingers rise before the next, narrower try."""
 LETTING_GO = 0.002
 """How far (m) each finger moves at a time from what it lets go."""
 RELEASING = 25
@@ -109,7 +111,7 @@ class Kinematics:
         return solution if ((solution >= self._lower) & (solution <= self._upper)).all() else None
 
     def turned(self, joints: np.ndarray, yaw: float) -> np.ndarray:
-        """Joints (7,) whose last one brings the tip to a yaw, on the side where that joint has more room."""
+        """Joints (7,) whose last one, in [-pi, pi), brings the tip to a yaw: where a search begins."""
         _, orientation = self._tip(joints)
         last = joints[-1] - (yaw - p.getEulerFromQuaternion(orientation)[2])
         return np.array([*joints[:-1], wrap(last)])
@@ -157,8 +159,9 @@ def _with_slim_fingers() -> str:
 class Panda:
     """The arm with its gripper. See `Effector`; a pose's yaw is that of the tool, whose fingers close along its y axis.
 
-    Half a turn more is the same grasp, so the arm takes the one that it can reach. It comes down until its fingers'
-    ends are just above the table, or a finger rests on something.
+    Half a turn more is the same grasp, so the arm takes the one that it can reach. The fingers go `DEPTH` below the top
+    of what lies in the middle, but not below `ABOVE_TABLE`. If a finger rests on something, the arm rises a little, and
+    tries again with the next of `OPENINGS`.
 
     Attributes:
         id: the id of the arm's body.
@@ -196,6 +199,7 @@ class Panda:
 
     def pick(self, pose: Pose2, bodies: Sequence[Body]) -> bool:
         """Grasp what lies between the fingers at ``pose``, and lift it. Returns whether a body is held."""
+        self.grip = None
         joints = self._reach(pose, (0.0, math.pi))
         if joints is None:
             self.outcome = Outcome.OUT_OF_REACH
@@ -211,6 +215,9 @@ class Panda:
 
         What cannot be placed there, because ``pose`` is out of reach, is put down where the arm is.
         """
+        if self.held is None:
+            self.outcome = Outcome.NOTHING_HELD
+            return
         joints = self._reach(pose, (self._half_turn,))
         if joints is None:
             joints = self._turn_over(pose)
@@ -220,8 +227,7 @@ class Panda:
             return
         self._travel(joints)
         self._notice_a_loss()
-        if self.held is not None:
-            self._put_down(pose)
+        if self.held is not None and self._put_down(pose):
             self.outcome = Outcome.PLACED
 
     def push(self, start: Pose2, end: Pose2) -> None:
@@ -233,7 +239,7 @@ class Panda:
         raise NotImplementedError("the Panda of this simulator stands before one table")
 
     def park(self) -> None:
-        """Open the gripper and turn away from the table."""
+        """Open the gripper if it holds a body, and turn away from the table."""
         if self.held is not None:
             self._move_fingers(OPENINGS[0])
             self.held = None
@@ -271,7 +277,6 @@ class Panda:
         self.held = min(first & second & {body.id for body in self._bodies}, default=None)
         self.outcome = Outcome.NOTHING_HELD if self.held is None else Outcome.HELD
         if self.held is None:
-            self.grip = None
             self._let_go()
         else:
             (body,) = (body for body in self._bodies if body.id == self.held)
@@ -298,11 +303,15 @@ class Panda:
         self._grasp(here)
         return above_place
 
-    def _put_down(self, pose: Pose2) -> None:
+    def _put_down(self, pose: Pose2) -> bool:
+        """Put the held body down. Returns whether it was still held at the lowest point."""
         self._go_down(pose, self._held_touches)
+        self._notice_a_loss()
+        still_held = self.held is not None
         self._let_go()
         self.held = None
         self._go_up(pose)
+        return still_held
 
     def _notice_a_loss(self) -> None:
         """Find out whether the held body is still between the fingers."""
@@ -320,7 +329,11 @@ class Panda:
         self._wait(20)
 
     def _straight(self, goal: np.ndarray, yaw: float, ends: Callable[[], bool]) -> bool:
-        """Move the tip on a straight line to a goal (3,) (m), or until ``ends`` says so. Returns whether it arrived."""
+        """Move the tip on a straight line to a goal (3,) (m), until ``ends`` says so or there are no joints.
+
+        Returns:
+            Whether it went the whole way.
+        """
         start = self._tip()
         steps = max(1, math.ceil(float(np.linalg.norm(goal - start)) / LINE_STRIDE))
         for step in range(1, steps + 1 + SETTLING):
