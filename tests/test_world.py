@@ -1,5 +1,6 @@
 """The world of one table: end effectors, actions and their refusals, pictures, and the tasks by name."""
 
+import dataclasses
 import itertools
 import math
 from functools import partial
@@ -12,7 +13,7 @@ from tabletop import HERE, MOVE, THERE, block, bowl, distance
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.foundations import colors
-from gem_lite.se2 import Pose2, Workspace
+from gem_lite.se2 import Pose2, Workspace, angle_off
 from gem_lite.simulation import effectors, looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.rendering import render
@@ -225,6 +226,20 @@ def test_a_narrow_suction_holds_no_cube_beside_its_tip(beside, holds):
         if holds:
             world.effector.place(THERE)
     assert looks.style("narrow-suction").tool("spatula") == "spatula"
+
+
+@pytest.mark.parametrize("tool", ["suction", "narrow-suction"])
+def test_what_a_cup_holds_turns_along(tool):
+    with World() as world:
+        world.clear(tool)
+        body = world.add(shapes.add_l_block(world.client, colors.rgba("red"), HERE))
+        world.settle()
+        corner = HERE @ Pose2(-0.03, -0.03)
+        assert world.effector.pick(corner, world.bodies)
+        goal = dataclasses.replace(THERE, yaw=HERE.yaw + 2.5)
+        world.effector.carry(goal)
+        pose, expected = world.pose(body)[0], goal @ (corner.inverse() @ HERE)
+        assert distance(pose, expected) < 0.004 and angle_off(pose.yaw - expected.yaw, math.tau) < np.radians(1)
 
 
 def test_of_two_touched_bodies_a_narrow_suction_tries_the_nearer_one_first():

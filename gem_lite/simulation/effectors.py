@@ -39,6 +39,8 @@ Log = Callable[[GripperState], None]
 """Called with a state of a gripper."""
 TIP_RADIUS = 0.005
 TIP_LENGTH = 0.03
+TIP_INERTIA = (4e-5, 4e-5, 4e-5)
+"""Of the narrow tip (kg m^2): about that of the usual one across its axis."""
 NARROW_TIP_RADIUS = 0.001
 """That of CLIPort's suction tip: what lies beside it is not held."""
 JAW_ANGLE = np.radians(20)
@@ -272,6 +274,11 @@ class NarrowSuction(Suction):
     """A suction cup with a tip of 1 mm, as CLIPort's. Of several bodies that it touches, it holds the nearest."""
 
     half = (NARROW_TIP_RADIUS, NARROW_TIP_RADIUS, TIP_LENGTH / 2)
+
+    def __init__(self, client: int, parked: tuple[float, float, float], log: Log) -> None:
+        super().__init__(client, parked, log)
+        # A tip as light about its axis as this cylinder lags behind the turns of its drive, by up to 19 degrees.
+        p.changeDynamics(self.id, -1, localInertiaDiagonal=TIP_INERTIA, physicsClientId=client)
 
     @override
     def in_order(self, touched: set[int]) -> Iterable[int]:
