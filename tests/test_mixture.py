@@ -98,9 +98,9 @@ def test_a_training_can_begin_with_the_weights_of_a_checkpoint(trained, model, d
     ):
         checkpoints.begin_with(wide, tmp_path / "start.safetensors")
     card = train.train_from_folder(
-        demo_set[0], Path("a.safetensors"), Gem, policy.config, Path("run"), start=Path("start.safetensors")
+        demo_set[0], Path("a.safetensors"), Gem, policy.config, Path("run"), begin_with=Path("start.safetensors")
     )
-    assert card["start_sha256"] == read_card("start.safetensors")["sha256"]
+    assert card["begun_with_sha256"] == read_card("start.safetensors")["sha256"]
     difference = weights(load_policy("a.safetensors", model)) - weights(trained[0])
     assert 0 < difference.abs().max() < 1e-6
     assert main(["train", str(demo_set[0]), "b.safetensors", "--begin-with", "missing.safetensors"]) == 2

@@ -43,7 +43,4 @@ def serve(checkpoint: Path, /, *, host: str = "127.0.0.1", port: int = 8000, cli
         print(f"{card['method']} listens at ws://{host}:{server.sockets[0].getsockname()[1]}", flush=True)
         await server.serve_forever()
 
-    try:
-        asyncio.run(run())
-    except KeyboardInterrupt:
-        print("stopped")
+    asyncio.run(run())

@@ -103,7 +103,7 @@ class Surfaces:
     def grip(self, pose: Pose2) -> Grip | None:
         """What a jaw at a pose in the world holds, opened as wide as it has room; None if it holds nothing."""
         near = (np.abs(self.points[:, 0] - pose.x) <= REACH) & (np.abs(self.points[:, 1] - pose.y) <= REACH)
-        turn = np.array([[math.cos(pose.yaw), -math.sin(pose.yaw)], [math.sin(pose.yaw), math.cos(pose.yaw)]])
+        turn = _axes(pose)
         below = np.abs((self.points[near, :2] - (pose.x, pose.y)) @ turn[:, 0]) <= FINGER[1] / 2
         near[near] = below  # The jaw's own rectangle.
         points = self.points[near]
@@ -150,8 +150,7 @@ class Surfaces:
             width: of a finger (m), along the jaw's x axis.
             tip: the height (m) of the fingers' ends.
         """
-        turn = np.array([[math.cos(pose.yaw), -math.sin(pose.yaw)], [math.sin(pose.yaw), math.cos(pose.yaw)]])
-        along, across = np.abs((self.points[:, :2] - (pose.x, pose.y)) @ turn).T
+        along, across = np.abs((self.points[:, :2] - (pose.x, pose.y)) @ _axes(pose)).T
         between = (along <= width / 2) & (across <= opening / 2 + SKIN) & (self.points[:, 2] > tip)
         return self._main_part(self.owners[between]) if between.any() else ""
 
@@ -160,6 +159,11 @@ class Surfaces:
         counts = np.bincount(owners, minlength=len(self.parts))
         named = [number if name else 0 for number, (_, name) in zip(counts, self.parts, strict=True)]
         return self.parts[int(np.argmax(named if any(named) else counts))][1]
+
+
+def _axes(pose: Pose2) -> np.ndarray:
+    """(2, 2): the jaw's x axis and its y axis in the world, as columns."""
+    return np.array([[math.cos(pose.yaw), -math.sin(pose.yaw)], [math.sin(pose.yaw), math.cos(pose.yaw)]])
 
 
 def _presses(toward: np.ndarray) -> bool:

@@ -279,8 +279,7 @@ class Panda:
         if self.held is None:
             self._let_go()
         else:
-            (body,) = (body for body in self._bodies if body.id == self.held)
-            self.grip = self._grip(body)
+            self.grip = self._grip(next(body for body in self._bodies if body.id == self.held))
         self._go_up(pose)
         self._notice_a_loss()
 
@@ -326,7 +325,7 @@ class Panda:
         for step in range(1, steps + 1):
             self._joints = start + (goal - start) * step / steps
             self._simulate()
-        self._wait(20)
+        self._wait(SETTLING)
 
     def _straight(self, goal: np.ndarray, yaw: float, ends: Callable[[], bool]) -> bool:
         """Move the tip on a straight line to a goal (3,) (m), until ``ends`` says so or there are no joints.
@@ -360,13 +359,12 @@ class Panda:
         touching = True
         while touching and spread < OPENINGS[0]:
             spread = min(spread + LETTING_GO, OPENINGS[0])
-            self._opening = spread
-            self._wait(RELEASING)
+            self._move_fingers(spread, RELEASING)
             touching = any(touched & movable for touched in self._touched())
 
-    def _move_fingers(self, opening: float) -> None:
+    def _move_fingers(self, opening: float, steps: int = CLOSING) -> None:
         self._opening = opening
-        self._wait(CLOSING)
+        self._wait(steps)
 
     def _wait(self, steps: int) -> None:
         for _ in range(steps):

@@ -139,7 +139,8 @@ class Learner:
 
 def train(
     policy: Policy, prepared: Steps, seed: int, run: Path, device: str = "cpu",
-    watch: Callable[[int, dict[str, float]], None] | None = None, workers: int | None = None, start: str | None = None,
+    watch: Callable[[int, dict[str, float]], None] | None = None, workers: int | None = None,
+    begun_with: str | None = None,
 ) -> Cost:  # fmt: skip
     """Train a policy's modules in place. Returns the total cost of the training.
 
@@ -153,7 +154,7 @@ def train(
         watch: called with the number and the losses of every step.
         workers: how many processes read and augment steps; by default none for a CPU, `WORKERS` for a GPU. The result
             is the same.
-        start: the SHA-256 of the checkpoint whose weights the policy has, if it is not new.
+        begun_with: the SHA-256 of the checkpoint whose weights the policy has, if it is not new.
 
     Raises:
         ValueError: ``run`` holds the state of another training.
@@ -167,8 +168,8 @@ def train(
         "method": policy.name, "config": settings.as_dict(), "seed": seed,
         "data": step_files.fingerprint(prepared), "processes": accelerator.num_processes,
     }  # fmt: skip
-    if start:
-        identity["start"] = start
+    if begun_with:
+        identity["begun_with"] = begun_with
     optimizers = {f"{role}_optimizer": optimizer for role, optimizer in learner.optimizers.items()}
     state = TrainingState(run / STATE_FILE, identity, learner.modules | optimizers)
     state.restore(accelerator.device)
@@ -235,7 +236,7 @@ def hardware(device: str) -> str:
 def train_from_folder(
     folder: Path, checkpoint: Path, method: type[Policy], settings: Config, run: Path, seed: int = 0,
     episodes: int | None = None, clip_name: str | None = None, device: str = "cpu", also: Sequence[Path] = (),
-    shared: Path | None = None, start: Path | None = None,
+    shared: Path | None = None, begin_with: Path | None = None,
 ) -> dict | None:  # fmt: skip
     """Train a method from the demonstrations in ``folder`` and write its checkpoint. Resumes from ``run``, see `train`.
 
@@ -248,7 +249,7 @@ def train_from_folder(
         clip_name: the argument of `clip.load`.
         device: "cpu" or "cuda".
         shared: see `prepared_steps`.
-        start: a checkpoint of the same method, whose weights the training begins with; by default they are random.
+        begin_with: a checkpoint of the same method, whose weights the training begins with; by default they are random.
 
     Returns:
         The facts about the training, as on the checkpoint's card. With several processes, only the first writes the
@@ -263,14 +264,15 @@ def train_from_folder(
     _team(device)  # Each process gets its device.
     sets = folders.demonstrations_of_tasks((folder, *also), episodes, settings)
     policy = method(folders.on_table_of(sets, settings), clip.load(clip_name).to(device), seed=seed)
-    begins_with = checkpoints.begin_with(policy, start) if start else None
+    begun_with = checkpoints.begin_with(policy, begin_with) if begin_with else None
     steps = prepared_steps(policy, sets, run, device, shared)
-    cost = train(policy, steps, seed, run, device, start=begins_with)
+    cost = train(policy, steps, seed, run, device, begun_with=begun_with)
     if not PartialState().is_main_process:
         return None
+    demos_of = folders.demonstrations_by_task(sets)
     facts = {
-        "task": " + ".join(folders.demonstrations_by_task(sets)),
-        "demos": next(iter(folders.demonstrations_by_task(sets).values())),
+        "task": " + ".join(demos_of),
+        "demos": min(demos_of.values()),  # They are equally many.
         "demonstrations_world": " + ".join(dict.fromkeys(part[0].world for part in sets)),
         "demonstrations_split": sets[0][0].split,
         "data_sha256": folders.data_hash(sets),
@@ -279,8 +281,8 @@ def train_from_folder(
         "train_cpu_seconds": round(cost.cpu_seconds, 1),
         "hardware": hardware(device),
     }
-    if begins_with:
-        facts["start_sha256"] = begins_with
+    if begun_with:
+        facts["begun_with_sha256"] = begun_with
     checkpoints.save_policy(policy, checkpoint, facts)
     (run / STATE_FILE).unlink(missing_ok=True)
     shutil.rmtree(run / PREPARED, ignore_errors=True)
