@@ -48,7 +48,9 @@ FINGER_END = 0.0541
 """How far (m) below its joint a finger ends."""
 ABOVE_TABLE = 0.001
 """The fingers' ends stay so far (m) above the table."""
-LOWEST = 0.0075 + ABOVE_TABLE
+END_BELOW_TIP = 0.0075
+"""How far (m) the fingers' ends are below the tip."""
+LOWEST = END_BELOW_TIP + ABOVE_TABLE
 """The lowest height (m) of the tip: then the fingers' ends are `ABOVE_TABLE` (m) above the table."""
 DEPTH = 0.012
 """The fingers' ends go so far (m) below the top of what lies in the middle, as those of the floating jaw (`grips`)."""
@@ -421,7 +423,7 @@ class Panda:
 
     def _grip(self, body: Body) -> Grip:
         """What the closed fingers hold of a body."""
-        end = float(self._tip()[2]) - (LOWEST - ABOVE_TABLE)
+        end = float(self._tip()[2]) - END_BELOW_TIP
         surfaces = Surfaces.of(self._client, [body])
         part = surfaces.part_between(self._here(), 2 * self._spread(), FINGER[0], end)
         return Grip(body.id, part, end, 0.0)
