@@ -86,8 +86,8 @@ from gem_lite.training import step_files, train
 embed, honest, embedded = TransporterLan.embed, train.train, []
 TransporterLan.embed = lambda *args: embedded.append(1) or embed(*args)
 
-def noting(policy, steps, seed, run, device):
-    cost = honest(policy, steps, seed, run, device)
+def noting(policy, steps, seed, run, device, **others):
+    cost = honest(policy, steps, seed, run, device, **others)
     state = {role: module.state_dict() for role, module in policy.roles.items()}
     noted = len(embedded), len(steps), step_files.fingerprint(steps), state
     Path(f"noted-{PartialState().process_index}").write_bytes(pickle.dumps(noted))
