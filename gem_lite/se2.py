@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import torch
-import torch.nn.functional as F
+
+if TYPE_CHECKING:
+    import torch
 
 Length = TypeVar("Length", float, np.ndarray)
 CELLS_MULTIPLE = 16
@@ -194,6 +195,8 @@ class ImageMotion:
 
     def warp(self, image: torch.Tensor, mode: str = "bilinear") -> torch.Tensor:
         """Move a ``(B, C, H, W)`` image. Pixels from outside the image are 0."""
+        import torch
+
         return rotate_image(image, torch.tensor([self.angle]), self.shift, mode)
 
 
@@ -211,6 +214,9 @@ def rotate_image(
     Returns:
         (B, C, H, W). Pixels from outside the image are 0.
     """
+    import torch  # Here, since it takes seconds, and programs that look at cameras need none of it.
+    import torch.nn.functional as F
+
     batch = max(len(image), len(angles))
     _, channels, height, width = image.shape
     angles = angles.to(image).expand(batch)

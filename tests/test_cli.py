@@ -36,7 +36,8 @@ EXPERIMENTS = (
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
-    "names", "clip calibrate", "results list", "results show",
+    "set-up propose", "set-up clicks", "set-up corners", "set-up points", "set-up tag", "set-up board", "set-up robot",
+    "serve", "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
     "clip_tabletop withheld-picks",

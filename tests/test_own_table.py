@@ -18,7 +18,7 @@ from gem_lite.cli import main, own_table
 from gem_lite.maps import places
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
-from gem_lite.rgbd.observation import Observation, read_raw
+from gem_lite.rgbd.observation import Observation, RawView, read_raw
 from gem_lite.se2 import Workspace
 
 FOREIGN = clip.DATA / "foreign-scenes"
@@ -239,7 +239,63 @@ def test_what_the_check_does_not_find():
     (finding,) = camera_check.check([SHELF[0], blind, SHELF[2]], WORKSPACE)
     assert (finding.mistake, finding.cameras) == ("no depth", ("left",))
     (finding,) = camera_check.check([shifted(0, 0, 0.15)(view) for view in SHELF], WORKSPACE)
-    assert finding.mistake == "table not found" and "is the table at z = 0" in finding.sentence
+    assert finding.mistake == "table height" and re.search(r"lies at z = 0\.(149|15[01]) m", finding.sentence)
+    assert "depth_scale" not in finding.sentence, "three cameras at other heights would see other tables"
+
+
+SIDEWAYS = np.eye(4)
+SIDEWAYS[:3, :3] = Rotation.from_euler("xy", (25, 17), degrees=True).as_matrix()
+
+
+def flat_table(height, focal=600.0, size=(480, 640), z=0.0):
+    """A camera that looks straight down from a height (m) on a bare table at z (m)."""
+    matrix = [[focal, 0, size[1] / 2], [0, focal, size[0] / 2], [0, 0, 1]]
+    pose = np.array([[1, 0, 0, 0.5], [0, -1, 0, 0], [0, 0, -1, height], [0, 0, 0, 1.0]])
+    noise = np.random.default_rng(0).normal(0, 0.001, size)
+    depth = (height - z + noise).astype(np.float32)
+    return RawView("down", np.full((*size, 3), 120, np.uint8), depth, matrix, pose)
+
+
+def test_a_right_pose_that_sees_little_of_the_rectangle_fits(tmp_path, capsys):
+    view = flat_table(0.8, focal=1200.0)
+    assert camera_check.fit([camera_check.cloud(view)], WORKSPACE).covered[0] < camera_check.COVERED
+    assert camera_check.check([view], WORKSPACE) == []
+    Observation((view.view(),)).save(tmp_path)
+    assert main(["check-cameras", str(tmp_path), "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    limits = re.search(r"down: sees .* what it sees fits --rectangle (\S+) (\S+) (\S+) (\S+)\n", shown).groups()
+    assert np.allclose([float(limit) for limit in limits], (0.287, 0.713, -0.16, 0.16), atol=0.015)
+
+
+@pytest.mark.parametrize("z", [0.16, -0.10])
+def test_a_level_table_at_another_height_has_two_explanations(z):
+    (finding,) = camera_check.check([flat_table(0.9, z=z)], WORKSPACE)
+    assert finding.mistake == "table height"
+    assert f"lies at z = {z:.3f} m" in finding.sentence and "set-up robot" in finding.sentence
+    factor = float(re.search(r"multiply it by about ([\d.]+)", finding.sentence)[1])
+    assert abs(factor - 0.9 / (0.9 - z)) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        ([[900, 0, 640], [0, 900, 360], [0, 0, 1]], r"principal point \(640, 360\) .* 640 x 480 .* another resolution"),
+        ([[600, 0, 5000], [0, 600, 240], [0, 0, 1]], r"principal point \(5000, 240\)"),
+        ([[600, 0, -320], [0, 600, 240], [0, 0, 1]], r"principal point \(-320, 240\)"),
+        ([[0.94, 0, 0.5], [0, 1.25, 0.5], [0, 0, 1]], "focal length of 0.94 .* in pixels"),
+    ],
+)
+def test_intrinsics_that_are_not_the_pictures_are_named(matrix, words):
+    (finding,) = camera_check.check([replace(flat_table(0.9), intrinsics=matrix)], WORKSPACE)
+    assert finding.mistake == "intrinsics" and re.search(words, finding.sentence)
+
+
+def test_a_level_table_is_never_called_turned():
+    (finding,) = camera_check.check([changed_pose(flat_table(0.9), lambda pose: pose @ SIDEWAYS)], WORKSPACE)
+    assert finding.mistake == "degrees for radians", "it is turned, and as far away as it should be"
+    for view in (flat_table(0.9, z=0.3), tilted(6)(flat_table(0.9))):
+        (finding,) = camera_check.check([view], WORKSPACE)
+        assert finding.mistake in ("table height", "calibration"), finding.sentence
 
 
 @pytest.mark.parametrize("scene", ["desk", "workshop"])
@@ -285,7 +341,7 @@ def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path, multi, monke
     for path in copied.glob("*.color.png"):
         cv2.imwrite(str(path), cv2.imread(str(path))[..., ::-1])
     assert main(arguments) == 2
-    assert "the pictures are BGR" in capsys.readouterr().err
+    assert "are the pictures BGR?" in capsys.readouterr().err
     change_cameras(copied, lambda entry: entry.update(pose=np.linalg.inv(np.array(entry["pose"])).tolist()))
     assert main(arguments) == 2
     assert "overhead, left, right: the pose is inverted" in capsys.readouterr().err

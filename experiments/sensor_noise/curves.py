@@ -101,7 +101,7 @@ def erring_actor(policy: Policy, cell: Cell, seed: int, index: int) -> Actor:
         units = units or draw_units(observation, cell.errors, unit_rng)
         seen = corrupt(observation, units, frame_rng)
         if cell.levelled:
-            seen = levelling.levelled(seen, policy.config.workspace)
+            seen = levelling.levelled(seen)
         return act(environment, (seen,), empty_picks)
 
     return actor

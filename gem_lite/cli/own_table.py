@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SHIPPED = DATA / "gem-multi.safetensors"
 WORTH_SAYING = 0.005
 """The share of cells that no camera sees is told from here on."""
-BGR = "colours: the words fit much better with red and blue exchanged: the pictures are BGR, and must be RGB"
+BGR = "colours: the words fit much better with red and blue exchanged: are the pictures BGR? They must be RGB"
 
 Folder = Annotated[Path, Parameter(help="folder with cameras.json and its pictures")]
 Out = Annotated[
@@ -54,25 +54,30 @@ def check_cameras(
       gem-lite check-cameras data/foreign-scenes/workbench "red block" "blue bowl"
     """
     from gem_lite.drawing import plot_own_table
-    from gem_lite.maps import places
     from gem_lite.rgbd import camera_check
     from gem_lite.rgbd.heightmap import fuse_views
     from gem_lite.rgbd.observation import Observation, read_raw
+    from gem_lite.se2 import Workspace
 
     raw = read_raw(folder)
-    gem = load(policy, rectangle, clip)
-    workspace = gem.config.workspace
+    # The shipped policy acts on the default rectangle. Its networks, which take seconds to load, read the words alone.
+    gem = load(policy, rectangle, clip) if phrases or policy != SHIPPED else None
+    workspace = gem.config.workspace if gem else Workspace.covering(*rectangle) if rectangle else Workspace()
     mistakes = [f"{', '.join(one.cameras)}: {one.sentence}" for one in camera_check.check(raw, workspace)]
     found = camera_check.fit([camera_check.cloud(view) for view in raw], workspace)
     for view, share in zip(raw, found.covered, strict=True):
-        print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace")
+        fitting = "" if share >= camera_check.COVERED else camera_check.rectangle_for(view)
+        print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace{fitting}")
     for (first, second), share in found.pairs.items():
         print(f"{raw[first].name} and {raw[second].name} agree about {100 * share:.0f} % of what stands there")
     if not mistakes:
         views = Observation(tuple(view.view() for view in raw)).views
         draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, out, folder)
-        if phrases and places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
-            mistakes.append(BGR)
+        if gem and phrases:
+            from gem_lite.maps import places
+
+            if places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
+                mistakes.append(BGR)
     if mistakes:
         raise ValueError("; ".join(mistakes))
     print("no mistake found" + ("" if phrases else "; name some coloured things to check the colours, too"))
@@ -101,13 +106,16 @@ def look(
     from gem_lite.drawing import plot_own_table, plots
     from gem_lite.language import Queries
     from gem_lite.maps import places, refusal
-    from gem_lite.rgbd.observation import Observation
+    from gem_lite.policies import robot_plan
+    from gem_lite.rgbd.observation import Observation, robot_base
 
     observation = Observation.load(folder)
+    base = robot_base(folder)
     gem = load(policy, rectangle, clip)
     scene = gem.embed(observation.views)
     asked = read(gem, text) if pick is None and place is None else things(text, pick, place)
-    action = gem.act(observation, asked) if isinstance(asked, Queries) else None
+    choice = gem.decide(observation, asked) if isinstance(asked, Queries) else None
+    action = choice.action if choice else None
     queries = [asked.pick, asked.place] if isinstance(asked, Queries) else [asked]
     maps = {str(query): gem.maps(scene, query) for query in queries}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in maps for name in ("text", "image")}
@@ -116,6 +124,10 @@ def look(
     best = {phrase: places.best_places(semantic, seen, gem.config) for phrase, semantic in fused.items()}
     refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
     shown = action if isinstance(action, PickPlace) else None
+    in_base = {}
+    if base is not None and choice and shown:
+        planned = robot_plan.plan(choice, base)
+        in_base = {"pick": planned.pick.tolist(), "place": planned.place.tolist()}
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
         "maps": plots.show_maps([(title, semantic) for title, semantic in parts.items() if semantic is not None]),
@@ -126,6 +138,7 @@ def look(
         "places": {phrase: [dataclasses.asdict(place) for place in of_phrase] for phrase, of_phrase in best.items()},
         "refusals": refusals,
         "action": None if action is None else dataclasses.asdict(action),
+        "in_base": in_base,
     }
     file = draw(figures, out, folder) / "look.json"
     write_atomically(file, json.dumps(content, indent=1).encode())
@@ -138,6 +151,9 @@ def look(
         print(f'"{phrase}": ' + ", ".join(f"({p.x:.3f}, {p.y:.3f}) m {p.score:.2f}" for p in of_phrase))
     if action is not None:
         print(action)
+    for part, pose in in_base.items():
+        x, y, z = (row[3] for row in pose[:3])
+        print(f"{part} in the frame of the robot's base: ({x:.3f}, {y:.3f}, {z:.3f}) m")
     print(f"wrote {file}")
 
 

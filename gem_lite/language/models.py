@@ -257,10 +257,12 @@ def _convert(path: Path, folder: Path) -> None:
     """Write a GGUF file's weights as float16 safetensors, with configuration and tokenizer."""
     print("Converting the weights of SmolLM2 for this user, once (half a minute) ...")
     source, name = path.parent, path.name
-    tokenizer = transformers.AutoTokenizer.from_pretrained(source, gguf_file=name)
-    config = transformers.AutoConfig.from_pretrained(source, gguf_file=name)
+    config = transformers.AutoConfig.from_pretrained(source, gguf_file=name)  # Each reading takes some seconds.
+    tokenizer = transformers.AutoTokenizer.from_pretrained(source, gguf_file=name, config=config)
     with contextlib.redirect_stderr(io.StringIO()):  # a bar of its own for each tensor
-        quantized = transformers.AutoModelForCausalLM.from_pretrained(source, gguf_file=name, dtype=torch.float32)
+        quantized = transformers.AutoModelForCausalLM.from_pretrained(
+            source, gguf_file=name, config=config, dtype=torch.float32
+        )
     model = transformers.AutoModelForCausalLM.from_config(config, dtype=torch.float16)
     model.load_state_dict(quantized.state_dict())  # A quantized model refuses to be saved in another form.
     tokenizer.save_pretrained(folder)

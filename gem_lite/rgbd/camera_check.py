@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gem_lite.rgbd.levelling import plane
 from gem_lite.rgbd.observation import RawView
+from gem_lite.rgbd.planes import Plane, find_planes, tilt
+from gem_lite.rgbd.seen import seen_of_table
 from gem_lite.se2 import Workspace
 
 CELL = 0.02
@@ -38,8 +39,16 @@ AGREED = 0.5
 """With right cameras, two views agree in at least this share of the cells in which something stands."""
 LARGEST_TILT = 8.0
 """A smaller turn (degrees) is a matter of calibration."""
-SHARE_OF_PLANE = 0.15
-"""A plane that holds this share of a view's points is large enough to be the table."""
+WELL_LEVEL = 1.0
+"""The pose of a view fits if the table in it is tilted by less (degrees) and lies less than `LEVEL` from z = 0."""
+GLIMPSE = 0.05
+"""A view whose pose fits may see as little of the workspace, as a share of its cells."""
+CALIBRATION = 0.08
+"""A table that is seen farther from z = 0 (m) is no matter of calibration."""
+PRINCIPAL = (0.2, 0.8)
+"""The principal point lies between these shares of the picture's width, and of its height."""
+FOCAL = (0.2, 10.0)
+"""A focal length is between these multiples of the picture's width."""
 MILLIMETRES = 1000.0
 
 
@@ -236,12 +245,18 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
         workspace: the part of the table that matters. The table is at z = 0.
     """
     findings = [Finding("sizes differ", (view.name,), view.misfit) for view in views if view.misfit]
+    strange = [Finding("intrinsics", (view.name,), text) for view in views if (text := _strange_intrinsics(view))]
+    if strange:
+        return [*findings, *strange]
     blind = tuple(view.name for view in views if not (view.depth > 0).any())
     if blind:
         return [*findings, Finding("no depth", blind, "no pixel has a depth: the depth picture is 0 everywhere")]
     clouds = [cloud(view) for view in views]
     as_given = fit(clouds, workspace)
-    if as_given.good:
+    partly = all(
+        as_given.covered[number] >= GLIMPSE and _fits(clouds[number]) for number in as_given.wrong
+    )  # fmt: skip
+    if partly and as_given.agreed >= AGREED:
         return findings
     return [*findings, _explain([view.name for view in views], clouds, as_given, workspace)]
 
@@ -253,10 +268,14 @@ def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, works
         return Finding("poses exchanged", tuple(names), sentence)
     wrong = as_given.wrong
     of_wrong = tuple(names[number] for number in wrong)
-    off = {names[number]: _almost_level(clouds[number], workspace) for number in wrong}
+    off = {names[number]: _almost_level(clouds[number]) for number in wrong}
     if off and all(off.values()):
         sentence = "calibrate: the table " + ", ".join(f"{text} (seen by {name})" for name, text in off.items())
         return Finding("calibration", of_wrong, sentence)
+    if len(wrong) == len(names):
+        elsewhere = _height_of_table(clouds)
+        if elsewhere:
+            return Finding("table height", of_wrong, elsewhere)
     numbers = tuple(range(len(names)))
     suspects = [wrong, numbers] if wrong else [numbers, *((number,) for number in numbers)]
     for changing in dict.fromkeys(suspects):
@@ -270,7 +289,7 @@ def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, works
                 if all(abs(abs(math.log(factor)) / math.log(MILLIMETRES) - 1) < 0.02 for factor in factors):
                     mistake = "millimetres (depth)"
             return Finding(mistake, tuple(names[number] for number in changing), sentence)
-    if wrong and all(_has_plane_at_height(clouds[number]) for number in wrong):
+    if wrong and all(_is_turned(clouds[number]) for number in wrong):
         sentence = (
             "the height of the camera and the depth fit the table, and the rotation does not: were its angles given in "
             "degrees where radians are needed, or in another order?"
@@ -293,24 +312,69 @@ def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, works
     return Finding("views disagree", tuple(names), sentence)
 
 
-def _almost_level(given: Cloud, workspace: Workspace) -> str:
-    """How a plane that is nearly the table differs from z = 0, in words; "" if there is none.
+def rectangle_for(view: RawView) -> str:
+    """What to say of a view that sees little of the workspace: the rectangle that it sees, if its pose fits."""
+    seen = seen_of_table(view.view()) if not view.misfit and _fits(cloud(view)) else None
+    return "" if seen is None else "; what it sees fits --rectangle " + " ".join(f"{limit:.2f}" for limit in seen)
 
-    The plane is that of the points in the workspace that are at most 80 mm from z = 0: a table that is farther away
-    is no matter of calibration.
-    """
-    x, y, z = given.points.T
-    near = given.points[workspace.contains(x, y) & (np.abs(z) < 0.08)]
-    if len(near) < SHARE_OF_PLANE * len(given.points):
+
+def _strange_intrinsics(view: RawView) -> str:
+    """Why intrinsics cannot be those of a picture, in words; "" if they can."""
+    height, width = view.rgb.shape[:2]
+    matrix = np.array(view.intrinsics)
+    (low, high), point = PRINCIPAL, matrix[:2, 2]
+    size = f"a picture of {width} x {height} pixels"
+    if not FOCAL[0] * width <= matrix[0, 0] <= FOCAL[1] * width:
+        return f"a focal length of {matrix[0, 0]:.4g} does not belong to {size}: intrinsics are in pixels"
+    if not (low * width <= point[0] <= high * width and low * height <= point[1] <= high * height):
+        return (
+            f"the principal point ({point[0]:.4g}, {point[1]:.4g}) is far from the middle of {size}: are the "
+            "intrinsics those of another resolution?"
+        )
+    return ""
+
+
+def _table(given: Cloud) -> tuple[Plane, float] | None:
+    """The largest plane that is almost level, and its height (m) in the middle of what is seen of it."""
+    points = given.points
+    for plane in find_planes(points, given.position):
+        if tilt(plane.normal) <= LARGEST_TILT:
+            return plane, float(points[np.abs(plane.height(points)) < LEVEL, 2].mean())
+    return None
+
+
+def _fits(given: Cloud) -> bool:
+    """Whether a pose fits the table, however little of the workspace its camera sees."""
+    table = _table(given)
+    right_handed = np.linalg.det(given.rotation) > 0
+    return right_handed and table is not None and tilt(table[0].normal) < WELL_LEVEL and abs(table[1]) < LEVEL
+
+
+def _almost_level(given: Cloud) -> str:
+    """How a plane that is nearly the table differs from z = 0, in words; "" if there is none."""
+    table = _table(given)
+    if table is None or abs(table[1]) > CALIBRATION:
         return ""
-    slope_x, slope_y, constant = plane(near, (math.inf, 0.04, 0.02, LEVEL))
-    tilt = math.degrees(math.atan(math.hypot(slope_x, slope_y)))
-    distances = np.abs(near @ (-slope_x, -slope_y, 1.0) - constant)
-    if np.mean(distances < LEVEL) < 0.8 or tilt > LARGEST_TILT:
+    return f"is tilted by {tilt(table[0].normal):.1f} degrees and lies {1000 * table[1]:.0f} mm from z = 0"
+
+
+def _height_of_table(clouds: Sequence[Cloud]) -> str:
+    """Where a table lies that all cameras see level and at one height, in words; "" if they do not."""
+    tables = [_table(given) for given in clouds]
+    found = [table for table in tables if table is not None and tilt(table[0].normal) < 2 * WELL_LEVEL]
+    heights = [height for _, height in found]
+    if len(found) < len(clouds) or max(heights) - min(heights) > SAME_HEIGHT:
         return ""
-    height = constant + slope_x * (workspace.x_min + workspace.x_max) / 2
-    height += slope_y * (workspace.y_min + workspace.y_max) / 2
-    return f"is tilted by {tilt:.1f} degrees and lies {1000 * height:.0f} mm from z = 0"
+    factor = _depth_factor(clouds[0])
+    if len(clouds) == 1 and not 0.5 < factor < 2:
+        return ""
+    sentence = (
+        f"the table is level and lies at z = {np.mean(heights):.3f} m, and must lie at 0: if the poses are those in "
+        "the frame of a robot's base, `gem-lite set-up robot` finds the table in it"
+    )
+    return sentence + (
+        f"; otherwise depth_scale is wrong: multiply it by about {factor:.3g}" if len(clouds) == 1 else ""
+    )
 
 
 def _exchanged(clouds: Sequence[Cloud], workspace: Workspace) -> bool:
@@ -320,16 +384,11 @@ def _exchanged(clouds: Sequence[Cloud], workspace: Workspace) -> bool:
     return any(fit(exchanged, workspace).good for exchanged in tried)
 
 
-def _has_plane_at_height(given: Cloud) -> bool:
-    """Whether the points hold a plane that is as far from the camera as the table is, if the position is right.
-
-    Planes through random triples of points are tried (RANSAC).
-    """
+def _is_turned(given: Cloud) -> bool:
+    """Whether a plane is as far from the camera as the table is, if the position is right, and is not level."""
     height = given.position[2]
-    corner, second, third = given.local[np.random.default_rng(0).choice(len(given.local), (3, 300))]
-    normals = np.cross(second - corner, third - corner)  # (300, 3)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
-    offsets = (normals * corner).sum(axis=1)
-    fits_height = np.abs(np.abs(offsets) - height) < 0.02 + 0.02 * height
-    distances = np.abs(given.local @ normals[fits_height].T - offsets[fits_height])
-    return bool((np.mean(distances < LEVEL, axis=0) > SHARE_OF_PLANE).any())
+    planes = find_planes(given.points, given.position)
+    return any(
+        abs(plane.height(given.position) - height) < 0.02 + 0.02 * abs(height) and tilt(plane.normal) > LARGEST_TILT
+        for plane in planes
+    )

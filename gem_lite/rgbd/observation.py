@@ -8,7 +8,8 @@ A folder holds ``cameras.json``, and for each camera a colour picture and a dept
                   "pose": [[...], [...], [...], [0, 0, 0, 1]]}]}
 
 Colour is 8-bit RGB. Depth is 16-bit, in steps of ``depth_scale`` metres along the camera's axis; 0 means that nothing
-was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``pose`` are those of `Camera`.
+was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``pose`` are those of `Camera`. A folder
+may also say where the table is in the frame of a robot's base: ``"base_from_table"``, (4, 4), for `robot_base`.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class CameraEntry(Form):
     depth: Annotated[str, AfterValidator(_inside)]
     depth_scale: float = Field(gt=0, le=LARGEST_SCALE)
     intrinsics: list[list[float]]
-    pose: list[list[float]]
+    pose: list[list[float]] | None = None
 
 
 class CamerasFile(Form):
@@ -58,6 +59,7 @@ class CamerasFile(Form):
 
     version: Literal[1]
     cameras: list[CameraEntry] = Field(min_length=1)
+    base_from_table: list[list[float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -206,8 +208,11 @@ def depth_steps(view: View, scale: float) -> np.ndarray:
     return np.where(fits, steps, 0).astype(np.uint16)
 
 
-def read_raw(folder: Path | str) -> list[RawView]:
+def read_raw(folder: Path | str, posed: bool = True) -> list[RawView]:
     """The cameras of a folder. Other than in `Observation.load`, colour and depth may have different sizes.
+
+    Args:
+        posed: whether every camera must have a pose. One without a pose gets the identity.
 
     Raises: as `Observation.load`.
     """
@@ -225,17 +230,18 @@ def read_raw(folder: Path | str) -> list[RawView]:
         return png.decode(picture.read_bytes(), channels, dtype, picture)
 
     with unchanged(path):
-        return raw_views(path.read_bytes(), path, read_picture)
+        return raw_views(path.read_bytes(), path, read_picture, posed)
 
 
 def raw_views(
-    content: bytes | str, path: object, read_picture: Callable[[str, int, type], np.ndarray]
-) -> list[RawView]:
+    content: bytes | str, path: object, read_picture: Callable[[str, int, type], np.ndarray], posed: bool = True
+) -> list[RawView]:  # fmt: skip
     """The cameras that the content of a file cameras.json describes.
 
     Args:
         path: names the file in an error message.
         read_picture: gives the picture of a name, with a number of channels and of a type.
+        posed: see `read_raw`.
 
     Raises:
         ValueError: something in the content is not allowed.
@@ -243,8 +249,21 @@ def raw_views(
     views = []
     for number, entry in enumerate(CamerasFile.read(content, path).cameras):
         checked_intrinsics(entry.intrinsics, f"{path} cameras {number} intrinsics")
-        checked_pose(entry.pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
+        if entry.pose is None and posed:
+            raise ValueError(f"{path} cameras {number} lacks pose: `gem-lite set-up` finds it by the table")
+        pose = np.eye(4) if entry.pose is None else entry.pose
+        checked_pose(pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
         rgb = read_picture(entry.color, 3, np.uint8)
         depth = read_picture(entry.depth, 1, np.uint16).astype(np.float32) * np.float32(entry.depth_scale)
-        views.append(RawView(entry.name, rgb, depth, entry.intrinsics, entry.pose))
+        views.append(RawView(entry.name, rgb, depth, entry.intrinsics, pose))
     return views
+
+
+def robot_base(folder: Path | str) -> np.ndarray | None:
+    """(4, 4): from the table's frame to that of a robot's base (m), if the folder's cameras.json says it.
+
+    Raises: as `Observation.load`.
+    """
+    path = Path(folder) / CAMERAS_FILE
+    given = CamerasFile.read(path.read_bytes(), path).base_from_table
+    return None if given is None else checked_pose(given, f"{path} base_from_table")

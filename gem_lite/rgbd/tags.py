@@ -23,7 +23,7 @@ CORNERS = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * TAG_SIDE 
 The frame is like that of a height map: x to the picture's right, y to its top, z towards the viewer."""
 
 
-class LocalisationError(RuntimeError):
+class LocalisationError(ValueError):
     """The tag of a table was not found. The message names the tags that were found."""
 
 
@@ -35,6 +35,19 @@ def find_tags(rgb: np.ndarray) -> dict[int, np.ndarray]:
     if numbers is None:  # OpenCV returns None if there is no tag.
         return {}
     return {int(number): quad[0].astype(float) for number, quad in zip(numbers.ravel(), corners, strict=True)}
+
+
+def tag_corners(rgb: np.ndarray, number: int) -> np.ndarray:
+    """(4, 2): the corners of one tag, as `find_tags` gives them.
+
+    Raises:
+        LocalisationError: the tag is not fully visible in the picture.
+    """
+    corners = find_tags(rgb)
+    if number not in corners:
+        others = f"only tag {', '.join(map(str, sorted(corners)))}" if corners else "no tag at all"
+        raise LocalisationError(f"tag {number} is not in the picture, {others}")
+    return corners[number]
 
 
 def table_in_base(view: View, number: int, tag: Pose2) -> Pose2:
@@ -79,12 +92,8 @@ def camera_in_table(
 
 def _tag_in_camera(rgb: np.ndarray, intrinsics: np.ndarray, number: int, side: float) -> np.ndarray:
     """The pose (4, 4) of a tag in the camera's frame (Perspective-n-Point)."""
-    corners = find_tags(rgb)
-    if number not in corners:
-        others = f"only tag {', '.join(map(str, sorted(corners)))}" if corners else "no tag at all"
-        raise LocalisationError(f"tag {number} is not in the picture, {others}")
     _, rotation_vector, position = cv2.solvePnP(
-        CORNERS * side / TAG_SIDE, corners[number], intrinsics, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        CORNERS * side / TAG_SIDE, tag_corners(rgb, number), intrinsics, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
     )
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(rotation_vector.ravel()).as_matrix()

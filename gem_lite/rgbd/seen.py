@@ -1,0 +1,66 @@
+"""How much of a table is seen, and which rectangle of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from gem_lite.rgbd.camera import View
+from gem_lite.rgbd.heightmap import sort_points
+from gem_lite.se2 import Workspace
+
+SHADOW = 0.1
+"""A part that is not seen counts as seen if it is narrower (m): the shadow of a thing."""
+WIDE = 1.5
+"""Up to this far (m) from the middle of the default workspace, `seen_of_table` looks."""
+FINE = 0.01
+"""The side (m) of its cells."""
+
+
+def seen_of_table(view: View) -> tuple[float, float, float, float] | None:
+    """The rectangle of the table that a view sees, to the centimetre: as `seen_rectangle`."""
+    x_min, x_max, y_min, y_max = Workspace().limits
+    x, y = (x_min + x_max) / 2, (y_min + y_max) / 2
+    wide = replace(Workspace.covering(x - WIDE, x + WIDE, y - WIDE, y + WIDE, FINE), z_max=Workspace.z_max)
+    try:
+        seen = sort_points([view], wide).seen
+    except ValueError:  # It sees nothing there.
+        return None
+    return seen_rectangle(seen, wide)
+
+
+def seen_rectangle(seen: np.ndarray, workspace: Workspace) -> tuple[float, float, float, float] | None:
+    """The largest rectangle of a map that is seen, apart from the shadows of things.
+
+    Args:
+        seen: (H, W) bool, the cells that a camera saw.
+
+    Returns:
+        x_min, x_max, y_min, y_max (m), or None if nothing is seen.
+    """
+    width = max(1, round(SHADOW / workspace.pixel))
+    padded = np.pad(seen, width)
+    filled = ndimage.binary_closing(padded, np.ones((width, width)))[width:-width, width:-width]
+    best, size = None, 0
+    for top in range(len(filled)):
+        whole = np.ones(filled.shape[1], bool)  # columns that are seen in all rows from the top on
+        for bottom in range(top, len(filled)):
+            whole &= filled[bottom]
+            if not whole.any() or whole.sum() * (len(filled) - top) <= size:
+                break
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.view(np.int8), [0]])))
+            starts, ends = edges[::2], edges[1::2]
+            longest = int((ends - starts).argmax())
+            area = int(ends[longest] - starts[longest]) * (bottom - top + 1)
+            if area > size:
+                best, size = (top, bottom, starts[longest], ends[longest]), area
+    if best is None:
+        return None
+    top, bottom, left, right = best
+    pixel = workspace.pixel
+    return (
+        workspace.x_min + float(left) * pixel, workspace.x_min + float(right) * pixel,
+        workspace.y_max - (bottom + 1) * pixel, workspace.y_max - top * pixel,
+    )  # fmt: skip
