@@ -36,6 +36,7 @@ EXPERIMENTS = (
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
+    "import bop", "import tum", "import open3d", "import cloud", "import bag",
     "set-up propose", "set-up clicks", "set-up corners", "set-up points", "set-up tag", "set-up board", "set-up robot",
     "serve", "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",

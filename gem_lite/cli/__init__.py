@@ -10,7 +10,21 @@ try:
 except ModuleNotFoundError as missing:  # The core group alone is installed: it has no commands.
     sys.exit(f"gem-lite needs {missing.name}, which the group table brings: pip install 'gem_lite[table]'")
 
-from gem_lite.cli import clip, collect, demo, evaluate, names, own_table, plan, read, results, serve, set_up, train
+from gem_lite.cli import (
+    clip,
+    collect,
+    demo,
+    evaluate,
+    imports,
+    names,
+    own_table,
+    plan,
+    read,
+    results,
+    serve,
+    set_up,
+    train,
+)
 
 ABOUT = "Grounded Equivariant Manipulation. gem-lite COMMAND --help explains a command."
 GROUPS = (
@@ -19,8 +33,8 @@ GROUPS = (
 )
 APP = base.make_app(
     "gem-lite", ABOUT, demo.demo, collect.collect, collect.verify, train.APP, evaluate.evaluate,
-    evaluate.several_tables, set_up.APP, own_table.check_cameras, own_table.look, serve.serve, read.read, plan.plan,
-    names.names, *GROUPS, help_epilogue="Example:\n  gem-lite evaluate --help",
+    evaluate.several_tables, imports.APP, set_up.APP, own_table.check_cameras, own_table.look, serve.serve, read.read,
+    plan.plan, names.names, *GROUPS, help_epilogue="Example:\n  gem-lite evaluate --help",
 )  # fmt: skip
 
 

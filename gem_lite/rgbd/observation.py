@@ -8,8 +8,9 @@ A folder holds ``cameras.json``, and for each camera a colour picture and a dept
                   "pose": [[...], [...], [...], [0, 0, 0, 1]]}]}
 
 Colour is 8-bit RGB. Depth is 16-bit, in steps of ``depth_scale`` metres along the camera's axis; 0 means that nothing
-was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``pose`` are those of `Camera`. A folder
-may also say where the table is in the frame of a robot's base: ``"base_from_table"``, (4, 4), for `robot_base`.
+was measured. The pictures lie in the folder or below it. ``intrinsics`` and ``pose`` are those of `Camera`.
+``"distortion"``, a camera's lens in OpenCV's numbers, is undone when the pictures are read. A folder may also say where
+the table is in the frame of a robot's base: ``"base_from_table"``, (4, 4), for `robot_base`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from gem_lite.foundations.files import unchanged, write_together, writing
 from gem_lite.foundations.forms import Form, Text
 from gem_lite.rgbd import png
 from gem_lite.rgbd.camera import Camera, Matrix, View, checked_intrinsics, checked_pose
+from gem_lite.rgbd.lens import checked_distortion, without_distortion
 
 CAMERAS_FILE = "cameras.json"
 DEPTH_SCALE = 1e-4
@@ -52,6 +54,7 @@ class CameraEntry(Form):
     depth_scale: float = Field(gt=0, le=LARGEST_SCALE)
     intrinsics: list[list[float]]
     pose: list[list[float]] | None = None
+    distortion: list[float] = Field(default=[])
 
 
 class CamerasFile(Form):
@@ -255,6 +258,9 @@ def raw_views(
         checked_pose(pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
         rgb = read_picture(entry.color, 3, np.uint8)
         depth = read_picture(entry.depth, 1, np.uint16).astype(np.float32) * np.float32(entry.depth_scale)
+        distortion = checked_distortion(entry.distortion, f"{path} cameras {number} distortion")
+        if depth.shape == rgb.shape[:2]:  # Otherwise the view is refused, whatever its lens.
+            rgb, depth = (without_distortion(picture, entry.intrinsics, distortion) for picture in (rgb, depth))
         views.append(RawView(entry.name, rgb, depth, entry.intrinsics, pose))
     return views
 
