@@ -23,7 +23,7 @@ ROBOT = next(c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["type"
 """The modules that know no simulator."""
 GROUP_OF = {
     "gem_lite.language": "words", "gem_lite.drawing": "notebooks", "gem_lite.cli": "demo", "gem_lite.training": "table",
-    "gem_lite.serving": "serve",
+    "gem_lite.serving": "serve", "gem_lite.layouts": "ros",
 }  # fmt: skip
 """What these packages need. The others need "core" without the simulator, and "sim" with it."""
 POLICY, DEMONSTRATIONS = "gem-put-block-in-bowl.safetensors", "put-block-in-bowl-seen-colors-10"

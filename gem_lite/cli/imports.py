@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from gem_lite.cli.base import make_app
 
 if TYPE_CHECKING:
-    from gem_lite.rgbd.layouts import Frame
+    from gem_lite.layouts import Frame
 
 ABOUT = """Make a scene, a folder with cameras.json, of one picture with its depth.
 
@@ -29,7 +29,7 @@ def bop(source: Source, scene: Scene, /, *, number: Number = 0, name: Name = "fr
     Examples:
       gem-lite import bop ycbv/test/000048 my-scene --number 1
     """
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     finish(scene, layouts.read_bop(source, number, name))
 
@@ -45,7 +45,7 @@ def tum(
     Examples:
       gem-lite import tum rgbd_dataset_freiburg1_desk my-scene --number 100
     """
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     finish(scene, layouts.read_tum(source, number, intrinsics, name))
 
@@ -56,7 +56,7 @@ def open3d(source: Source, scene: Scene, /, *, number: Number = 0, name: Name = 
     Examples:
       gem-lite import open3d realsense my-scene
     """
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     finish(scene, layouts.read_open3d(source, number, name))
 
@@ -73,7 +73,7 @@ def cloud(
     """
     import numpy as np
 
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     arrays = [np.load(path, allow_pickle=False) for path in (points, colors)]
     finish(scene, layouts.read_cloud(arrays[0], arrays[1], name))
@@ -92,7 +92,7 @@ def bag(
     Examples:
       gem-lite import bag recording.bag my-scene
     """
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     finish(scene, layouts.read_bag(source, color, depth, info, name))
 
@@ -102,7 +102,7 @@ APP = make_app("import", ABOUT, bop, tum, open3d, cloud, bag)
 
 def finish(scene: Path, frame: Frame) -> None:
     """Write a frame into a scene, and say what it is."""
-    from gem_lite.rgbd import layouts
+    from gem_lite import layouts
 
     layouts.write(scene, frame)
     height, width = frame.depth.shape

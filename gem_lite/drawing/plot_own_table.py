@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from gem_lite.actions import PickPlace
 from gem_lite.drawing.plots import MAP_COLORS, OUTLINE, PICK_COLOR, PLACE_COLOR, bare, draw_from_above, draw_gripper
 from gem_lite.rgbd.heightmap import HeightMap
-from gem_lite.se2 import Workspace
 
 if TYPE_CHECKING:
     from gem_lite.maps.places import Place
@@ -29,30 +28,33 @@ def show_table_from_above(heightmap: HeightMap) -> Figure:
 
 
 def show_set_up(
-    rgb: np.ndarray, to_pixels: Callable[[np.ndarray], np.ndarray], workspace: Workspace, heightmap: HeightMap,
-    clicks: Sequence[Sequence[float]] = (),
+    rgb: np.ndarray, border: np.ndarray, axes: np.ndarray, heightmap: HeightMap | None = None,
+    clicks: Sequence[Sequence[float]] | np.ndarray = (),
 ) -> Figure:  # fmt: skip
     """A camera's picture with the table's rectangle, its axes and the given points, beside the table from above.
 
     Args:
-        to_pixels: the pixels (N, 2) of points (N, 3) in the table's frame.
+        rgb: (H, W, 3) uint8.
+        border: (N, 2) pixels along the rectangle; NaN is not drawn.
+        axes: (3, 2) pixels of the rectangle's middle, and of the points 0.1 m along +x and along +y from it.
+        heightmap: of the rectangle, if the camera sees something of it.
         clicks: pixels, numbered from 1.
     """
-    x0, x1, y0, y1 = workspace.limits
-    border = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
-    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0])
-    fig, axes = plt.subplots(1, 2, figsize=(11, 5.2), width_ratios=[3, 1.2], layout="constrained")
-    bare(axes[0], "the rectangle (white), its middle with +x and +y (0.1 m)").imshow(rgb)
-    axes[0].plot(*to_pixels(border).T, color="white", lw=2, path_effects=OUTLINE)
-    for step, name, color in ((np.array([0.1, 0, 0]), "+x", PICK_COLOR), (np.array([0, 0.1, 0]), "+y", PLACE_COLOR)):
-        start, end = to_pixels(np.stack([middle, middle + step]))
-        axes[0].annotate("", end, start, arrowprops={"arrowstyle": "->", "color": color, "lw": 2.5})
-        axes[0].text(*end, name, color=color, weight="bold", path_effects=OUTLINE)
+    fig, panels = plt.subplots(1, 2, figsize=(11, 5.2), width_ratios=[3, 1.2], layout="constrained")
+    bare(panels[0], "the rectangle (white), and 0.1 m along +x and +y from its middle").imshow(rgb)
+    panels[0].plot(*border.T, color="white", lw=2, path_effects=OUTLINE)
+    for end, name, color in ((axes[1], "+x", PICK_COLOR), (axes[2], "+y", PLACE_COLOR)):
+        if np.isfinite(axes).all():
+            panels[0].annotate("", end, axes[0], arrowprops={"arrowstyle": "->", "color": color, "lw": 2.5})
+            panels[0].text(*end, name, color=color, weight="bold", path_effects=OUTLINE, clip_on=True)
     for number, (x, y) in enumerate(clicks, 1):
-        axes[0].plot(x, y, "o", mfc="none", mec="white", ms=9, path_effects=OUTLINE)
-        axes[0].text(x + 8, y - 8, str(number), color="white", path_effects=OUTLINE)
-    axes[0].set(xlim=(0, rgb.shape[1]), ylim=(rgb.shape[0], 0))
-    draw_from_above(bare(axes[1], "from above"), heightmap)
+        panels[0].plot(x, y, "o", mfc="none", mec="white", ms=9, path_effects=OUTLINE)
+        panels[0].text(x + 8, y - 8, str(number), color="white", path_effects=OUTLINE)
+    panels[0].set(xlim=(0, rgb.shape[1]), ylim=(rgb.shape[0], 0))
+    if heightmap is None:
+        bare(panels[1], "from above: nothing is seen")
+    else:
+        draw_from_above(bare(panels[1], "from above"), heightmap)
     return fig
 
 

@@ -40,7 +40,8 @@ AGREED = 0.5
 LARGEST_TILT = 8.0
 """A smaller turn (degrees) is a matter of calibration."""
 WELL_LEVEL = 1.0
-"""The pose of a view fits if the table in it is tilted by less (degrees) and lies less than `LEVEL` from z = 0."""
+"""The pose of a view fits if the table in it is tilted by less (degrees), lies less than `LEVEL` from z = 0, and is
+seen in at least `GLIMPSE` of the workspace."""
 GLIMPSE = 0.05
 """A view whose pose fits may see as little of the workspace, as a share of its cells."""
 CALIBRATION = 0.08
@@ -245,7 +246,7 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
         workspace: the part of the table that matters. The table is at z = 0.
     """
     findings = [Finding("sizes differ", (view.name,), view.misfit) for view in views if view.misfit]
-    strange = [Finding("intrinsics", (view.name,), text) for view in views if (text := _strange_intrinsics(view))]
+    strange = [Finding("intrinsics", (view.name,), text) for view in views if (text := strange_intrinsics(view))]
     if strange:
         return [*findings, *strange]
     blind = tuple(view.name for view in views if not (view.depth > 0).any())
@@ -318,8 +319,8 @@ def rectangle_for(view: RawView) -> str:
     return "" if seen is None else "; what it sees fits --rectangle " + " ".join(f"{limit:.2f}" for limit in seen)
 
 
-def _strange_intrinsics(view: RawView) -> str:
-    """Why intrinsics cannot be those of a picture, in words; "" if they can."""
+def strange_intrinsics(view: RawView) -> str:
+    """Why a view's intrinsics cannot be those of its picture, in words; "" if they can."""
     height, width = view.rgb.shape[:2]
     matrix = np.array(view.intrinsics)
     (low, high), point = PRINCIPAL, matrix[:2, 2]

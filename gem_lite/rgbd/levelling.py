@@ -21,6 +21,8 @@ LARGEST_TILT = 15.0
 """A plane that is tilted more (degrees) is not taken for the table."""
 LARGEST_LIFT = 0.2
 """A plane that passes farther from z = 0 (m), below what is seen of it, is not taken for the table."""
+NEAR = 0.02
+"""The mean height of the points at most this far (m) from a plane is its height."""
 POINTS = 20_000
 """About as many points of a view are enough."""
 
@@ -28,7 +30,8 @@ POINTS = 20_000
 def levelled(observation: Observation) -> Observation:
     """The observation with the poses corrected so that every view sees the table level and at z = 0.
 
-    It is for errors of some degrees and centimetres. For others see `gem_lite.rgbd.camera_check`.
+    It is for errors of some degrees and centimetres: the plane nearest to z = 0 is taken for the table. For others
+    see `gem_lite.rgbd.camera_check`.
 
     Raises:
         ValueError: a view shows no plane near z = 0. The message says which planes it shows.
@@ -40,15 +43,19 @@ def _levelled(view: View) -> View:
     points = view.points()[view.depth > 0]
     points = points[:: max(1, len(points) // POINTS)].astype(np.float64)
     position = view.camera.position
-    seen = []
-    for plane in find_planes(points, position) if len(points) else []:
-        middle = points[np.abs(plane.height(points)) < 0.02].mean(axis=0)
-        if tilt(plane.normal) <= LARGEST_TILT and abs(middle[2]) <= LARGEST_LIFT:
-            break
-        seen.append(f"tilted by {tilt(plane.normal):.0f} degrees and {1000 * middle[2]:.0f} mm from z = 0")
-    else:
+    planes = find_planes(points, position) if len(points) else []
+    heights = [float(points[np.abs(plane.height(points)) < NEAR, 2].mean()) for plane in planes]
+    tables = [
+        (abs(height), number)
+        for number, (plane, height) in enumerate(zip(planes, heights, strict=True))
+        if tilt(plane.normal) <= LARGEST_TILT and abs(height) <= LARGEST_LIFT
+    ]
+    if not tables:
+        pairs = zip(planes, heights, strict=True)
+        seen = [f"tilted by {tilt(plane.normal):.0f} degrees and {1000 * z:.0f} mm from z = 0" for plane, z in pairs]
         shown = "; ".join(seen) or "none at all"
         raise ValueError(f"camera {view.camera.name!r} shows no table near z = 0; the planes that it shows: {shown}")
+    plane = planes[min(tables)[1]]
     turn, _ = Rotation.align_vectors((0, 0, 1), plane.normal)  # the shortest: it makes the normal vertical
     # After the turn about the camera's centre, the plane is level, as far below the camera as before.
     pose = as_pose(turn.as_matrix() @ view.camera.rotation, [*position[:2].tolist(), float(plane.height(position))])

@@ -57,11 +57,18 @@ class CameraEntry(Form):
     distortion: list[float] = Field(default=[])
 
 
+def _named_differently(cameras: list[CameraEntry]) -> list[CameraEntry]:
+    names = [camera.name for camera in cameras]
+    if len(set(names)) < len(names):
+        raise ValueError("must have different names")
+    return cameras
+
+
 class CamerasFile(Form):
     """The file cameras.json."""
 
     version: Literal[1]
-    cameras: list[CameraEntry] = Field(min_length=1)
+    cameras: Annotated[list[CameraEntry], AfterValidator(_named_differently)] = Field(min_length=1)
     base_from_table: list[list[float]] | None = None
 
 
@@ -215,7 +222,7 @@ def read_raw(folder: Path | str, posed: bool = True) -> list[RawView]:
     """The cameras of a folder. Other than in `Observation.load`, colour and depth may have different sizes.
 
     Args:
-        posed: whether every camera must have a pose. One without a pose gets the identity.
+        posed: whether every camera must have a pose. Otherwise poses are not read, and each is the identity.
 
     Raises: as `Observation.load`.
     """
@@ -254,7 +261,7 @@ def raw_views(
         checked_intrinsics(entry.intrinsics, f"{path} cameras {number} intrinsics")
         if entry.pose is None and posed:
             raise ValueError(f"{path} cameras {number} lacks pose: `gem-lite set-up` finds it by the table")
-        pose = np.eye(4) if entry.pose is None else entry.pose
+        pose = entry.pose if posed and entry.pose is not None else np.eye(4)
         checked_pose(pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
         rgb = read_picture(entry.color, 3, np.uint8)
         depth = read_picture(entry.depth, 1, np.uint16).astype(np.float32) * np.float32(entry.depth_scale)

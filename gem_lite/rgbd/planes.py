@@ -26,8 +26,8 @@ class Plane:
         normal: (3,), of length 1.
         offset: in metres.
         share: the share of all points, in [0, 1], that are at most `FLAT` from it.
-        bend: how many degrees the planes through its two halves differ. Noise, a curved table and a lens with
-            distortion bend it.
+        bend: how many degrees the planes through its two halves differ; NaN with fewer than 100 points. Noise, a curved
+            table and a lens with distortion bend it.
     """
 
     normal: np.ndarray
@@ -76,7 +76,7 @@ def find_planes(points: np.ndarray, viewpoint: np.ndarray, count: int = 3, seed:
         sample = left[:: max(1, len(left) // 3000)]
         distances = np.abs(sample @ normals.T - (normals * corner).sum(axis=1))  # (about 3000, TRIPLES)
         best = int((distances < FLAT).mean(axis=0).argmax())
-        plane = fitted(left, normals[best], -float(normals[best] @ corner[best]), viewpoint, len(points))
+        plane = _fitted(left, normals[best], -float(normals[best] @ corner[best]), viewpoint, len(points))
         if plane.share < SMALLEST:
             break
         found.append(plane)
@@ -84,15 +84,8 @@ def find_planes(points: np.ndarray, viewpoint: np.ndarray, count: int = 3, seed:
     return found
 
 
-def fitted(
-    points: np.ndarray, normal: np.ndarray, offset: float, viewpoint: np.ndarray, total: int | None = None
-) -> Plane:  # fmt: skip
-    """The plane by least squares through the points (N, 3) near a first guess.
-
-    Args:
-        normal, offset: the first guess, as in `Plane`.
-        total: of how many points the plane's share is meant; by default those given.
-    """
+def _fitted(points: np.ndarray, normal: np.ndarray, offset: float, viewpoint: np.ndarray, total: int) -> Plane:
+    """The plane by least squares through the points (N, 3) near a first guess, with its share of ``total`` points."""
     for band in BANDS:
         near = points[np.abs(points @ normal + offset) < band]
         if len(near) < 3:
@@ -101,7 +94,7 @@ def fitted(
     near = points[np.abs(points @ normal + offset) < FLAT]
     if viewpoint @ normal + offset < 0:
         normal, offset = -normal, -offset
-    return Plane(normal, offset, len(near) / (total or len(points)), _bend(near))
+    return Plane(normal, offset, len(near) / total, _bend(near))
 
 
 def _through(points: np.ndarray) -> tuple[np.ndarray, float]:

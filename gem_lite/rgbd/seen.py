@@ -14,21 +14,22 @@ from gem_lite.se2 import Workspace
 SHADOW = 0.1
 """A part that is not seen counts as seen if it is narrower (m): the shadow of a thing."""
 WIDE = 1.5
-"""Up to this far (m) from the middle of the default workspace, `seen_of_table` looks."""
+"""`seen_of_table` looks as far (m) along x and y from the middle of what is seen of the table."""
 FINE = 0.01
 """The side (m) of its cells."""
+TABLE = 0.02
+"""Points at most this far (m) from z = 0 are those of the table."""
 
 
 def seen_of_table(view: View) -> tuple[float, float, float, float] | None:
     """The rectangle of the table that a view sees, to the centimetre: as `seen_rectangle`."""
-    x_min, x_max, y_min, y_max = Workspace().limits
-    x, y = (x_min + x_max) / 2, (y_min + y_max) / 2
-    wide = replace(Workspace.covering(x - WIDE, x + WIDE, y - WIDE, y + WIDE, FINE), z_max=Workspace.z_max)
-    try:
-        seen = sort_points([view], wide).seen
-    except ValueError:  # It sees nothing there.
+    points = view.points()[view.depth > 0]
+    table = points[np.abs(points[:, 2]) < TABLE]
+    if not len(table):
         return None
-    return seen_rectangle(seen, wide)
+    x, y = np.median(table[:, :2], axis=0).round(2).tolist()
+    wide = replace(Workspace.covering(x - WIDE, x + WIDE, y - WIDE, y + WIDE, FINE), z_max=Workspace.z_max)
+    return seen_rectangle(sort_points([view], wide).seen, wide)
 
 
 def seen_rectangle(seen: np.ndarray, workspace: Workspace) -> tuple[float, float, float, float] | None:
