@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from gem_lite import clip
 from gem_lite.cli import main, own_table
 from gem_lite.maps import places
+from gem_lite.policies import robot_plan
 from gem_lite.rgbd import camera_check
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import Observation, RawView, read_raw
@@ -378,8 +379,32 @@ def test_look_writes_maps_places_and_an_action(capsys, tmp_path, multi, monkeypa
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     found = look("kitchen", "the mug on the left")
     assert found["action"] is None and list(found["places"]) == ["left mug"], "read as in a sentence"
+    assert "renderings alone" not in capsys.readouterr().out, "these are renderings"
     reason = look("kitchen", "banana")["refusals"]["banana"]
     assert reason.startswith('there is no "banana"') and reason in capsys.readouterr().out
+
+
+def test_look_says_what_it_sees_of_other_peoples_pictures(capsys, tmp_path, multi, monkeypatch):
+    monkeypatch.setattr(own_table, "load", lambda *_: multi)
+    (left,) = (view for view in Observation.load(FOREIGN / "kitchen").views if view.camera.name == "left")
+    narrow = left.depth.copy()
+    narrow[:, : narrow.shape[1] // 2] = 0
+    Observation((replace(left, depth=narrow),)).save(tmp_path / "half")
+    assert main(["look", str(tmp_path / "half"), "put the red mug in the blue bowl", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "maps by the embedded CLIP, which has seen renderings alone" in shown
+    unseen = int(re.search(r"no camera sees (\d+) % of the table: nothing is picked or placed there", shown)[1])
+    limits = [float(limit) for limit in re.search(r"what is seen fits --rectangle (.+)", shown)[1].split()]
+    seen = fuse_views([replace(left, depth=narrow)], WORKSPACE).seen
+    assert unseen == round(100 * (1 - seen.mean())) > 25
+    rows, cols = np.indices(seen.shape)
+    x, y = WORKSPACE.to_world(rows, cols)
+    inside = (x > limits[0]) & (x < limits[1]) & (y > limits[2]) & (y < limits[3])
+    assert inside.sum() > 1000 and seen[inside].mean() > 0.9, "but for the shadows of things"
+    planned = robot_plan.plan(multi.decide(Observation.load(tmp_path / "half"), "put the red mug in the blue bowl"))
+    for part, chance in (("pick", planned.unseen_pick), ("place", planned.unseen_place)):
+        said = f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
+        assert (said in shown) == (chance >= own_table.WANTED_ELSEWHERE)
 
 
 def test_look_says_why_a_text_is_neither_sentence_nor_thing(multi):

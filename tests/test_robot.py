@@ -1,5 +1,7 @@
 """What a robot's own program gets: poses in its base's frame, confidence, runner-up; and CLIPort's dictionaries."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -61,6 +63,19 @@ def test_a_pose_has_the_maps_height_and_turns_into_the_base():
     assert np.allclose(turned.place, base @ found.place)
     with pytest.raises(ValueError, match="must be a pick and place"):
         robot_plan.plan(choice_of(choice.pick_logits, Push(pick, pick), (3, 80, 40)))
+
+
+def test_what_the_policy_wanted_where_no_camera_saw_is_told():
+    logits = logits_with({(3, 80, 40): np.log(3.0), (5, 20, 10): 0.0})  # 0.75 and 0.25 of the probability
+    chosen = choice_of(logits, PickPlace(at(80, 40), at(80, 40)), (3, 80, 40))
+    seen = np.ones(WORKSPACE.shape, bool)
+    seen[:32, :16] = False
+    hidden = replace(chosen, heightmap=replace(chosen.heightmap, seen=seen), place_logits=logits_with({(0, 0, 0): 0.0}))
+    found = robot_plan.plan(hidden)
+    assert found.unseen_pick == pytest.approx(0.25, abs=1e-3) and found.unseen_place == pytest.approx(1.0, abs=1e-3)
+    assert found.seen == pytest.approx(1 - 32 * 16 / seen.size)
+    everything = robot_plan.plan(chosen)
+    assert (everything.seen, everything.unseen_pick, everything.unseen_place) == (1.0, 0.0, 0.0)
 
 
 def test_confidence_counts_what_lies_near_and_the_runner_up_lies_elsewhere():

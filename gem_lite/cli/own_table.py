@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 SHIPPED = DATA / "gem-multi.safetensors"
 WORTH_SAYING = 0.005
 """The share of cells that no camera sees is told from here on."""
+MUCH = 0.25
+"""From this share on, a rectangle of what is seen is proposed."""
+WANTED_ELSEWHERE = 0.3
+"""A forbidden choice is told if the policy gives it this probability."""
 BGR = "colours: the words fit much better with red and blue exchanged: are the pictures BGR? They must be RGB"
 
 Folder = Annotated[Path, Parameter(help="folder with cameras.json and its pictures")]
@@ -103,11 +107,13 @@ def look(
       gem-lite look data/foreign-scenes/kitchen --pick mug.png --place "brown box"
     """
     from gem_lite.actions import PickPlace
+    from gem_lite.clip import EMBEDDED
     from gem_lite.drawing import plot_own_table, plots
     from gem_lite.language import Queries
     from gem_lite.maps import places, refusal
     from gem_lite.policies import robot_plan
     from gem_lite.rgbd.observation import Observation, robot_base
+    from gem_lite.rgbd.seen import seen_rectangle
 
     observation = Observation.load(folder)
     base = robot_base(folder)
@@ -124,10 +130,8 @@ def look(
     best = {phrase: places.best_places(semantic, seen, gem.config) for phrase, semantic in fused.items()}
     refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
     shown = action if isinstance(action, PickPlace) else None
-    in_base = {}
-    if base is not None and choice and shown:
-        planned = robot_plan.plan(choice, base)
-        in_base = {"pick": planned.pick.tolist(), "place": planned.place.tolist()}
+    planned = robot_plan.plan(choice, base) if choice and shown else None
+    in_base = {"pick": planned.pick.tolist(), "place": planned.place.tolist()} if planned and base is not None else None
     figures = {
         "table": plot_own_table.show_table_from_above(scene.heightmap),
         "maps": plots.show_maps([(title, semantic) for title, semantic in parts.items() if semantic is not None]),
@@ -142,16 +146,26 @@ def look(
     }
     file = draw(figures, out, folder) / "look.json"
     write_atomically(file, json.dumps(content, indent=1).encode())
+    if gem.clip.name == f"embedded {EMBEDDED.name}" and DATA not in folder.resolve().parents:
+        print("maps by the embedded CLIP, which has seen renderings alone: on photographs it is often wrong")
     unseen_share = 1 - seen.mean()
     if unseen_share >= WORTH_SAYING:
         print(f"no camera sees {100 * unseen_share:.0f} % of the table: nothing is picked or placed there")
+    if unseen_share >= MUCH and (fitting := seen_rectangle(seen, gem.config.workspace)) is not None:
+        print("what is seen fits --rectangle " + " ".join(f"{limit:.2f}" for limit in fitting))
     for reason in filter(None, refusals.values()):
         print(reason)
     for phrase, of_phrase in best.items():
         print(f'"{phrase}": ' + ", ".join(f"({p.x:.3f}, {p.y:.3f}) m {p.score:.2f}" for p in of_phrase))
     if action is not None:
         print(action)
-    for part, pose in in_base.items():
+    if planned:
+        for part, chance in (("pick", planned.unseen_pick), ("place", planned.unseen_place)):
+            if chance >= WANTED_ELSEWHERE:
+                print(
+                    f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
+                )
+    for part, pose in (in_base or {}).items():
         x, y, z = (row[3] for row in pose[:3])
         print(f"{part} in the frame of the robot's base: ({x:.3f}, {y:.3f}, {z:.3f}) m")
     print(f"wrote {file}")

@@ -36,6 +36,9 @@ class RobotPlan:
         runner_up: the most probable pick that is at least `OTHER_PICK` away, in the table's frame.
         lead: how many times as probable the pick is as the runner-up. Below 1, a rule forbade the runner-up: a pick
             must lie near the peak of its map, and away from empty picks.
+        seen: the share of the table's cells that a camera saw.
+        unseen_pick, unseen_place: the policy's probabilities of a pick, and of a place, where no camera saw. Both are
+            forbidden there. If one is high, look from another side, or at a smaller rectangle.
     """
 
     pick: np.ndarray
@@ -43,6 +46,9 @@ class RobotPlan:
     confidence: float
     runner_up: Pose2
     lead: float
+    seen: float
+    unseen_pick: float
+    unseen_place: float
 
 
 def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.ndarray = TOOL_DOWN) -> RobotPlan:
@@ -62,17 +68,27 @@ def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.nda
     rows, cols = np.indices(workspace.shape)
     x, y = workspace.to_world(rows, cols)
     distance = np.hypot(x - choice.action.pick.x, y - choice.action.pick.y)
-    probabilities = np.exp(choice.pick_logits - choice.pick_logits.max())  # (R, H, W), not normalised
+    probabilities, places = (_probabilities(logits) for logits in (choice.pick_logits, choice.place_logits))  # (H, W)
+    seen = choice.heightmap.seen
     elsewhere = np.where(distance >= OTHER_PICK, choice.pick_logits, -np.inf)
     angle, row, col = np.unravel_index(int(elsewhere.argmax()), elsewhere.shape)
     yaw = float(angle_bins(len(elsewhere))[angle])
     return RobotPlan(
         base @ pose_at(choice.action.pick, choice.heightmap, tool),
         base @ pose_at(choice.action.place, choice.heightmap, tool),
-        float(probabilities[:, distance <= SAME_PICK].sum() / probabilities.sum()),
+        float(probabilities[distance <= SAME_PICK].sum()),
         Pose2(float(x[row, col]), float(y[row, col]), yaw),
         math.exp(min(float(choice.pick_logits[choice.pick_cell] - elsewhere[angle, row, col]), LARGEST_LEAD)),
+        float(seen.mean()),
+        float(probabilities[~seen].sum()),
+        float(places[~seen].sum()),
     )
+
+
+def _probabilities(logits: np.ndarray) -> np.ndarray:
+    """(H, W): the probability of each cell, whatever the angle, from logits (R, H, W)."""
+    shares = np.exp(logits - logits.max())
+    return shares.sum(axis=0) / shares.sum()
 
 
 def pose_at(pose: Pose2, heightmap: HeightMap, tool: np.ndarray = TOOL_DOWN) -> np.ndarray:

@@ -53,7 +53,8 @@ def answer(policy: Policy, message: object) -> dict[str, Any]:
 
     Returns:
         "refusal": why the robot should not act, or "". Without one, a "kind": "pick and place" with "pick" and "place",
-        (4, 4) poses of the tool in the table's frame, and their "confidence" and "lead" (`robot_plan.RobotPlan`); or
+        (4, 4) poses of the tool in the table's frame, and their "confidence", "lead", "seen", "unseen_pick" and
+        "unseen_place" (`robot_plan.RobotPlan`); or
         "push" with "start" and "end", (2,) metres. "server_timing": milliseconds of each part.
 
     Raises:
@@ -78,7 +79,8 @@ def answer(policy: Policy, message: object) -> dict[str, Any]:
         else:
             plan = robot_plan.plan(choice)
             found |= {"kind": "pick and place", "pick": plan.pick, "place": plan.place}
-            found |= {"confidence": plan.confidence, "lead": plan.lead}
+            found |= {"confidence": plan.confidence, "lead": plan.lead, "seen": plan.seen}
+            found |= {"unseen_pick": plan.unseen_pick, "unseen_place": plan.unseen_place}
     times["decide_ms"] = _since(start) - sum(times.values())
     return found | {"server_timing": times | {"infer_ms": _since(start)}}
 
