@@ -38,7 +38,7 @@ COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
     "import bop", "import tum", "import open3d", "import cloud", "import bag",
     "set-up propose", "set-up clicks", "set-up corners", "set-up points", "set-up tag", "set-up board", "set-up robot",
-    "serve", "names", "clip calibrate", "results list", "results show",
+    "app", "serve", "names", "clip calibrate", "results list", "results show",
     "benchmark file", "benchmark page", "benchmark tables", "benchmark settings", "benchmark gallery",
     "clip_tabletop pretrain", "clip_tabletop card", "clip_tabletop part-peaks", "clip_tabletop crop-search",
     "clip_tabletop withheld-picks",

@@ -11,6 +11,7 @@ except ModuleNotFoundError as missing:  # The core group alone is installed: it 
     sys.exit(f"gem-lite needs {missing.name}, which the group table brings: pip install 'gem_lite[table]'")
 
 from gem_lite.cli import (
+    app,
     clip,
     collect,
     demo,
@@ -33,8 +34,8 @@ GROUPS = (
 )
 APP = base.make_app(
     "gem-lite", ABOUT, demo.demo, collect.collect, collect.verify, train.APP, evaluate.evaluate,
-    evaluate.several_tables, imports.APP, set_up.APP, own_table.check_cameras, own_table.look, serve.serve, read.read,
-    plan.plan, names.names, *GROUPS, help_epilogue="Example:\n  gem-lite evaluate --help",
+    evaluate.several_tables, imports.APP, set_up.APP, own_table.check_cameras, own_table.look, app.app, serve.serve,
+    read.read, plan.plan, names.names, *GROUPS, help_epilogue="Example:\n  gem-lite evaluate --help",
 )  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from gem_lite.foundations import files, registry
 from gem_lite.policies.base import Policy
 from gem_lite.policies.inputs import PreparedStep, Sample
 
-ABOVE = ("cli", "drawing", "evaluation", "serving", "simulation", "tasks")
+ABOVE = ("cli", "drawing", "evaluation", "page", "serving", "simulation", "tasks")
 """The rooms of the library above this one. No preparation imports them, so their code decides no step."""
 LIBRARIES = ("numpy", "scipy", "torch", "transformers")
 """The libraries that compute prepared steps. With other versions, steps may differ in their last bits."""
