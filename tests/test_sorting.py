@@ -21,7 +21,7 @@ from gem_lite.policies.choosing import near_peak
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import HEIGHT_SCALE
-from gem_lite.rgbd import tags
+from gem_lite.rgbd import table_pose, tags
 from gem_lite.rgbd.camera import camera_looking_at
 from gem_lite.se2 import Pose2
 from gem_lite.simulation import mobile_world
@@ -198,16 +198,18 @@ def test_stitched_figure_marks_pick_and_place_on_their_tables(seen):
 
 def test_a_tag_on_the_table_gives_the_cameras_pose_and_is_drawn(begun):
     view = begun.look()
-    found = tags.camera_in_table(view.rgb, view.camera.matrix, begun.tags[0], begun.tag)
+    pixels, places = table_pose.tag_points(view.rgb, begun.tags[0], tags.TAG_SIDE, begun.tag)
+    plane = table_pose.table_planes(view.depth, view.camera.intrinsics, pixels)[0]
+    found = np.array(table_pose.pose_from_points(plane, pixels, places, view.camera.intrinsics).pose)
     table = begun.true_table(0)
     base_from_table = np.eye(4)
     base_from_table[:2, :2] = [[np.cos(table.yaw), -np.sin(table.yaw)], [np.sin(table.yaw), np.cos(table.yaw)]]
     base_from_table[:2, 3] = table.x, table.y
     expected = np.linalg.inv(base_from_table) @ np.array(view.camera.pose)  # heights count from the tables' tops
-    assert np.allclose(found[:3, 3], expected[:3, 3], atol=0.02)
-    assert np.allclose(found[:3, :3], expected[:3, :3], atol=0.03)
+    assert np.allclose(found[:3, 3], expected[:3, 3], atol=0.01)
+    assert np.allclose(found[:3, :3], expected[:3, :3], atol=0.01)
     with pytest.raises(tags.LocalisationError, match="tag 500 is not in the picture"):
-        tags.camera_in_table(view.rgb, view.camera.matrix, 500, begun.tag)
+        tags.tag_corners(view.rgb, 500)
     away = np.ones(MOBILE.workspace.shape)
     fig = plot_mobile.show_localisation(view, tags.find_tags(view.rgb)[0], away, MOBILE.workspace, begun.tag)
     assert len(fig.axes[0].texts) == 4 and fig.axes[1].images[0].get_array().shape == (160, 80)

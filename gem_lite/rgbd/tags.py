@@ -62,40 +62,10 @@ def table_in_base(view: View, number: int, tag: Pose2) -> Pose2:
         LocalisationError: the tag is not fully visible in the picture.
     """
     camera = view.camera
-    tag_in_camera = _tag_in_camera(view.rgb, camera.matrix, number, TAG_SIDE)
-    # From the camera's frame to the base's frame. Tag and base are level, so x, y and yaw are enough.
-    rotation = camera.rotation @ tag_in_camera[:3, :3]
-    x, y, _ = camera.rotation @ tag_in_camera[:3, 3] + camera.position
-    return Pose2(x, y, float(np.arctan2(rotation[1, 0], rotation[0, 0]))) @ tag.inverse()
-
-
-def camera_in_table(
-    rgb: np.ndarray, intrinsics: np.ndarray, number: int, tag: Pose2, side: float = TAG_SIDE
-) -> np.ndarray:  # fmt: skip
-    """The pose (4, 4) of a camera in the table's frame, from its picture of a tag that lies flat on the table (z = 0).
-
-    Args:
-        rgb: (H, W, 3) uint8.
-        intrinsics: (3, 3), see `Camera`.
-        number: the number of the tag.
-        tag: where the tag lies on the table: its middle, and its yaw (0 if its upper edge points to +y).
-        side: length (m) of a side of the tag, without its white margin.
-
-    Raises:
-        LocalisationError: the tag is not fully visible in the picture.
-    """
-    tag_in_table = np.eye(4)
-    tag_in_table[:3, :3] = Rotation.from_euler("z", tag.yaw).as_matrix()
-    tag_in_table[:2, 3] = tag.x, tag.y
-    return tag_in_table @ np.linalg.inv(_tag_in_camera(rgb, np.asarray(intrinsics), number, side))
-
-
-def _tag_in_camera(rgb: np.ndarray, intrinsics: np.ndarray, number: int, side: float) -> np.ndarray:
-    """The pose (4, 4) of a tag in the camera's frame (Perspective-n-Point)."""
-    _, rotation_vector, position = cv2.solvePnP(
-        CORNERS * side / TAG_SIDE, tag_corners(rgb, number), intrinsics, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    _, turn, position = cv2.solvePnP(
+        CORNERS, tag_corners(view.rgb, number), camera.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
     )
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(rotation_vector.ravel()).as_matrix()
-    pose[:3, 3] = position.ravel()
-    return pose
+    # From the camera's frame to the base's frame. Tag and base are level, so x, y and yaw are enough.
+    rotation = camera.rotation @ Rotation.from_rotvec(turn.ravel()).as_matrix()
+    x, y, _ = camera.rotation @ position.ravel() + camera.position
+    return Pose2(x, y, float(np.arctan2(rotation[1, 0], rotation[0, 0]))) @ tag.inverse()
