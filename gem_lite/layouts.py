@@ -26,6 +26,8 @@ TUM_INTRINSICS = (525.0, 525.0, 319.5, 239.5)
 """The intrinsics that TUM's benchmark recommends where a camera's own are not known: fx, fy, cx, cy."""
 SAME_TIME = 0.02
 """Two pictures belong together if they were taken within this time (s)."""
+LENSES = ("plumb_bob", "rational_polynomial")
+"""ROS's models of a lens that are OpenCV's."""
 COLORS = {"rgb8": (3, None), "bgr8": (3, cv2.COLOR_BGR2RGB), "rgba8": (4, cv2.COLOR_RGBA2RGB),
           "bgra8": (4, cv2.COLOR_BGRA2RGB), "mono8": (1, cv2.COLOR_GRAY2RGB)}  # fmt: skip
 """ROS's encodings of colour pictures: how many channels each has, and how it becomes RGB."""
@@ -51,9 +53,9 @@ class Frame:
 
 
 def write(folder: Path, frame: Frame) -> None:
-    """Write a frame as a camera of a scene. Other cameras that the folder has already stay.
+    """Write a frame as a camera of a scene. Other cameras stay; a frame without a pose keeps that of its name.
 
-    Raises: as `Observation.save`; ValueError if the sizes of colour and depth differ.
+    Raises: as `Observation.save`; ValueError if colour and depth differ in size, or another camera has these files.
     """
     pose = np.eye(4) if frame.pose is None else frame.pose
     depth = np.where(np.isfinite(frame.depth) & (frame.depth > 0), frame.depth, 0).astype(np.float32)
@@ -65,7 +67,14 @@ def write(folder: Path, frame: Frame) -> None:
         del scene["cameras"][0]["pose"]
     if cameras.exists():
         before = _json(cameras)
+        named = [entry for entry in before["cameras"] if entry["name"] == frame.name]
         others = [entry for entry in before["cameras"] if entry["name"] != frame.name]
+        (fresh,) = scene["cameras"]
+        taken = {entry[kind] for entry in others for kind in ("color", "depth")}
+        if taken & {fresh["color"], fresh["depth"]}:
+            raise ValueError(f"{cameras}: another camera has the pictures of {frame.name}: give another name")
+        if frame.pose is None and named and "pose" in named[0]:
+            fresh["pose"] = named[0]["pose"]  # new pictures of a camera that stands where it stood
         scene = {**before, "cameras": [*others, *scene["cameras"]]}
     contents[cameras] = json.dumps(scene, indent=1).encode()
     with writing(folder):
@@ -120,6 +129,8 @@ def read_tum(
         moment, numbers = min(_timed(folder / "groundtruth.txt"), key=lambda entry: abs(entry[0] - time))
         if abs(moment - time) <= SAME_TIME:
             pose = _pose([float(value) for value in numbers[:7]])
+    if any(Path(name).is_absolute() or ".." in Path(name).parts for name in (rgb_file, depth_file)):
+        raise ValueError(f"{rgb_file} and {depth_file} must be pictures in {folder}")
     fx, fy, cx, cy = intrinsics
     matrix = _from_first_pixel(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), "intrinsics")
     return Frame(name, _color(folder / rgb_file), _depth(folder / depth_file) * TUM_SCALE, matrix, pose)
@@ -178,13 +189,13 @@ def read_bag(path: Path, color: str, depth: str, info: str, name: str = "front")
         color, depth, info: the topics of the colour pictures, of the depth aligned to them, and of the camera's info.
 
     Raises:
-        ModuleNotFoundError: the package rosbags is not installed; the message says how.
-        ValueError: a topic is not in the bag, or nothing belongs together.
+        ValueError: rosbags is not installed; a topic is not in the bag; nothing belongs together; or the camera's info
+            is of another size or has another model of a lens.
     """
     try:
         from rosbags.highlevel import AnyReader
     except ImportError as error:
-        raise ModuleNotFoundError("reading a ROS bag needs the package rosbags: pip install rosbags") from error
+        raise ValueError("reading a ROS bag needs the package rosbags: pip install rosbags") from error
     found: dict[str, list[tuple[float, Any]]] = {color: [], depth: [], info: []}
     with AnyReader([path]) as reader:
         topics = {connection.topic for connection in reader.connections}
@@ -204,6 +215,11 @@ def read_bag(path: Path, color: str, depth: str, info: str, name: str = "front")
     fields = vars(camera) if not hasattr(camera, "k") else {"K": camera.k, "D": camera.d}  # ROS 1 and ROS 2
     matrix = _from_first_pixel(np.reshape(fields["K"], (3, 3)), info)
     lens = checked_distortion(fields["D"], f"{info} D")
+    if lens.any() and camera.distortion_model not in LENSES:
+        raise ValueError(f"{info} has a lens {camera.distortion_model!r}; those that are undone: {', '.join(LENSES)}")
+    if (camera.height, camera.width) != picture.shape[:2]:
+        size = f"{camera.width} x {camera.height}"
+        raise ValueError(f"{info} is for pictures of {size} pixels, got {picture.shape[1]} x {picture.shape[0]}")
     metres = measured.astype(np.float32) / (1000 if measured.dtype == np.uint16 else 1)
     return Frame(name, without_distortion(picture, matrix, lens), without_distortion(metres, matrix, lens), matrix)
 

@@ -107,6 +107,43 @@ def test_imports_make_a_scene_camera_by_camera(tmp_path, capsys):
     first, second = Observation.load(scene).views
     assert np.allclose(second.camera.pose, POSE, atol=1e-6), "the same name replaces the camera, and a keeps its pose"
     assert first.camera.pose != second.camera.pose
+    assert main(["import", "open3d", str(tmp_path / "open3d"), str(scene), "--number", "3", "--name", "a"]) == 0
+    again = next(view for view in Observation.load(scene).views if view.camera.name == "a")
+    assert again.camera.pose == first.camera.pose, "new pictures of a camera that stands where it stood"
+    change_cameras(scene, lambda entry: entry.update(name=entry["name"] * 2))
+    capsys.readouterr()
+    assert main(["import", "open3d", str(tmp_path / "open3d"), str(scene), "--number", "3", "--name", "a"]) == 2
+    assert "another camera has the pictures of a: give another name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "file", "content"),
+    [
+        (("bop", "SOURCE"), "scene_camera.json", b'{"0": {"depth_scale": 1}}'),
+        (("bop", "SOURCE"), "scene_camera.json", b'{"0": null}'),
+        (("open3d", "SOURCE"), "camera_intrinsic.json", b"[1]"),
+        (("tum", "SOURCE"), "rgb.txt", b"1"),
+        (("cloud", "SOURCE/p.npy", "SOURCE/p.npy"), "p.npy", b""),
+        (("bag", "SOURCE/x.bag"), "x.bag", b"garbage"),
+    ],
+)
+def test_a_damaged_file_ends_in_one_sentence(tmp_path, words, file, content, capsys):
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / file).write_bytes(content)
+    if file == "rgb.txt":
+        (source / "depth.txt").write_text("")
+    command = [word.replace("SOURCE", str(source)) for word in words]
+    assert main(["import", *command, str(tmp_path / "scene")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and len(error) > 20 and not (tmp_path / "scene").exists()
+
+
+def test_tums_lists_name_pictures_in_their_folder(tmp_path):
+    tum(tmp_path / "tum")
+    (tmp_path / "tum" / "rgb.txt").write_text("101.5 ../../secret.png\n")
+    with pytest.raises(ValueError, match=r"\.\./\.\./secret\.png and .* must be pictures in"):
+        layouts.read_tum(tmp_path / "tum", 0)
 
 
 @pytest.mark.parametrize(

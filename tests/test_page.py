@@ -75,6 +75,10 @@ def test_uploads_that_are_not_scenes_are_refused(visitor, monkeypatch):
         visitor.upload(files | {"cameras.json": json.dumps(outside).encode()})
     with pytest.raises(ValueError, match="at most 13 files"):
         visitor.upload({f"{number}.png": b"" for number in range(14)})
+    many = json.loads(files["cameras.json"])
+    many["cameras"] = [many["cameras"][0] | {"name": f"{number}"} for number in range(60)]
+    with pytest.raises(ValueError, match="at most 25 million pixels together"):
+        visitor.upload(files | {"cameras.json": json.dumps(many).encode()})
     monkeypatch.setattr(sessions, "MOST_BYTES", 1000)
     with pytest.raises(ValueError, match="at most 13 files with 0 MB together"):
         visitor.upload(files)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +33,8 @@ def bop(source: Source, scene: Scene, /, *, number: Number = 0, name: Name = "fr
     """
     from gem_lite import layouts
 
-    finish(scene, layouts.read_bop(source, number, name))
+    with as_a_sentence(source):
+        finish(scene, layouts.read_bop(source, number, name))
 
 
 def tum(
@@ -47,7 +50,8 @@ def tum(
     """
     from gem_lite import layouts
 
-    finish(scene, layouts.read_tum(source, number, intrinsics, name))
+    with as_a_sentence(source):
+        finish(scene, layouts.read_tum(source, number, intrinsics, name))
 
 
 def open3d(source: Source, scene: Scene, /, *, number: Number = 0, name: Name = "front") -> None:
@@ -58,7 +62,8 @@ def open3d(source: Source, scene: Scene, /, *, number: Number = 0, name: Name = 
     """
     from gem_lite import layouts
 
-    finish(scene, layouts.read_open3d(source, number, name))
+    with as_a_sentence(source):
+        finish(scene, layouts.read_open3d(source, number, name))
 
 
 def cloud(
@@ -75,8 +80,9 @@ def cloud(
 
     from gem_lite import layouts
 
-    arrays = [np.load(path, allow_pickle=False) for path in (points, colors)]
-    finish(scene, layouts.read_cloud(arrays[0], arrays[1], name))
+    with as_a_sentence(points):
+        arrays = [np.load(path, allow_pickle=False) for path in (points, colors)]
+        finish(scene, layouts.read_cloud(arrays[0], arrays[1], name))
 
 
 def bag(
@@ -94,19 +100,32 @@ def bag(
     """
     from gem_lite import layouts
 
-    finish(scene, layouts.read_bag(source, color, depth, info, name))
+    with as_a_sentence(source):
+        finish(scene, layouts.read_bag(source, color, depth, info, name))
 
 
 APP = make_app("import", ABOUT, bop, tum, open3d, cloud, bag)
 
 
+@contextlib.contextmanager
+def as_a_sentence(source: Path) -> Iterator[None]:
+    """In this context, any error about a stranger's file is a ValueError with one sentence."""
+    try:
+        yield
+    except (OSError, ValueError):
+        raise
+    except Exception as error:
+        raise ValueError(f"{source} is not as its format says: {type(error).__name__}: {error}") from error
+
+
 def finish(scene: Path, frame: Frame) -> None:
     """Write a frame into a scene, and say what it is."""
     from gem_lite import layouts
+    from gem_lite.rgbd.observation import DEEPEST, DEPTH_SCALE
 
     layouts.write(scene, frame)
     height, width = frame.depth.shape
-    measured = (frame.depth > 0).mean()
+    measured = ((frame.depth > 0) & (frame.depth <= DEEPEST * DEPTH_SCALE)).mean()
     print(f"wrote {frame.name} into {scene}: {width} x {height} pixels, {100 * measured:.0f} % of them with a depth")
     if frame.pose is None:
         print(f"it has no pose: gem-lite set-up propose {scene} --camera {frame.name}")

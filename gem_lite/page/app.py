@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import gradio
 import matplotlib
 
 from gem_lite import tasks
-from gem_lite.page.session import LONGEST_SENTENCE, Session, Shown
+from gem_lite.page.session import LONGEST_SENTENCE, Session, Shown, check_size
 from gem_lite.policies.gem import Gem
 
 IDLE = 900
@@ -40,10 +41,12 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
     page = gradio.Blocks(title="gem_lite", analytics_enabled=False, delete_cache=(60, IDLE))
     page.theme = plain
     visitors: list[Session] = []
+    turn = threading.Lock()  # gradio ends a session outside of its queue
 
     def end(session: Session | None) -> None:
         if session is not None:
-            session.close()
+            with turn:
+                session.close()
             if session in visitors:
                 visitors.remove(session)
 
@@ -77,12 +80,13 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
                 if known is None and len(visitors) >= MOST_VISITORS:
                     return None, "Too many visitors: try again in some minutes.", gradio.skip()
                 visitor = known or Session(policy)
-                if known is None:
-                    visitors.append(visitor)
                 try:
-                    shown = does(visitor, *values)
+                    with turn:
+                        shown = does(visitor, *values)
                 except ValueError as error:
-                    return visitor, f"Not possible: {error}.", gradio.skip()
+                    return known, f"Not possible: {error}.", gradio.skip()
+                if visitor not in visitors:
+                    visitors.append(visitor)
                 return visitor, shown.text, shown.picture
 
             outputs = [session, text, picture]
@@ -99,7 +103,10 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
             end(known)
             return None, "", None, "", None
 
-        reset.click(begin_again, [session], [session, text, picture, sentence, files], api_visibility="private")
+        reset.click(
+            begin_again, [session], [session, text, picture, sentence, files], concurrency_limit=1,
+            concurrency_id="table", api_visibility="private",
+        )  # fmt: skip
     return page.queue(max_size=WAITING)
 
 
@@ -112,9 +119,19 @@ def serve(policy: Gem, host: str, port: int) -> None:
 
 
 def _taken(paths: Sequence[str] | None) -> dict[str, bytes]:
-    """The content of uploaded files by name. gradio's copies are deleted at once."""
-    content = {}
-    for path in map(Path, paths or ()):
-        content[path.name] = path.read_bytes()
-        path.unlink()
+    """The content of uploaded files by name. gradio's copies are deleted.
+
+    Raises:
+        ValueError: they were taken before, are too many or too large together, or two have the same name.
+    """
+    files = [Path(path) for path in paths or ()]
+    if len({path.name for path in files}) < len(files):
+        raise ValueError("two files have the same name")
+    try:
+        check_size(len(files), sum(path.stat().st_size for path in files))
+        content = {path.name: path.read_bytes() for path in files}
+    except FileNotFoundError:
+        raise ValueError("these files were looked at and deleted: choose them again") from None
+    for path in files:
+        path.unlink(missing_ok=True)
     return content

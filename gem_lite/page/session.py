@@ -33,6 +33,8 @@ MOST_FILES = 13
 """An upload has at most so many files: cameras.json, and two pictures of each of six cameras."""
 MOST_BYTES = 30_000_000
 """The files of an upload have at most so many bytes together."""
+MOST_PIXELS = 25_000_000
+"""Its pictures have at most so many pixels together: six cameras with colour and depth of 1920 x 1080."""
 SPLIT = "test"
 """The scenes that a visitor sees are those of this split."""
 
@@ -80,21 +82,24 @@ class Session:
             ValueError: there are too many or too large files, cameras.json is missing, or something in it is not
                 allowed.
         """
-        size = sum(len(content) for content in files.values())
-        if len(files) > MOST_FILES or size > MOST_BYTES:
-            raise ValueError(
-                f"an upload has at most {MOST_FILES} files with {MOST_BYTES / 1e6:.0f} MB together, got {len(files)} "
-                f"with {size / 1e6:.0f} MB"
-            )
+        check_size(len(files), sum(len(content) for content in files.values()))
         if CAMERAS_FILE not in files:
             raise ValueError(
                 f"the upload must hold {CAMERAS_FILE} and its pictures, got {', '.join(sorted(files)) or '-'}"
             )
 
+        pixels: list[int] = []
+
         def picture(name: str, channels: int, kind: type) -> np.ndarray:
             if PurePath(name).name not in files:
                 raise ValueError(f"{name} is missing, though {CAMERAS_FILE} names it")
-            return png.decode(files[PurePath(name).name], channels, kind, name)
+            content = files[PurePath(name).name]
+            pixels.append(png.pixel_count(content))
+            if sum(pixels) > MOST_PIXELS:
+                raise ValueError(
+                    f"the pictures of an upload have at most {MOST_PIXELS / 1e6:.0f} million pixels together"
+                )
+            return png.decode(content, channels, kind, name)
 
         raw = raw_views(files[CAMERAS_FILE], CAMERAS_FILE, picture)
         self._observation = Observation(tuple(view.view() for view in raw))
@@ -152,6 +157,15 @@ class Session:
         assert self._observation is not None
         heightmap = fuse_views(self._observation.views, self.policy.config.workspace)
         return Shown(text, _picture(plots.show_heightmap(heightmap)))
+
+
+def check_size(files: int, size: int) -> None:
+    """Raises ValueError if an upload has too many files or bytes."""
+    if files > MOST_FILES or size > MOST_BYTES:
+        raise ValueError(
+            f"an upload has at most {MOST_FILES} files with {MOST_BYTES / 1e6:.0f} MB together, got {files} with "
+            f"{size / 1e6:.0f} MB"
+        )
 
 
 def _words(choice: Choice) -> str:

@@ -66,13 +66,19 @@ def decode_any(content: bytes, name: object) -> np.ndarray:
     return np.ascontiguousarray(colored)
 
 
+def pixel_count(content: bytes) -> int:
+    """How many pixels a PNG file says that it has, before it is decoded; 0 if it is too short to say it."""
+    width, height = (int.from_bytes(content[start : start + 4], "big") for start in (16, 20))
+    return width * height
+
+
 def _decode(content: bytes, name: object) -> np.ndarray:
     """The picture in a PNG file as OpenCV gives it: colours are BGR. Raises ValueError as `decode_any`."""
     # OpenCV fills a cut picture with zeros, but the first chunk of a whole PNG is IHDR and the last one IEND.
     if not content.startswith(_SIGNATURE) or content[12:16] != b"IHDR" or b"IEND" not in content[-12:]:
         raise ValueError(f"{name} is cut off or no PNG")
-    width, height = (int.from_bytes(content[start : start + 4], "big") for start in (16, 20))
-    if width * height > LARGEST:
+    if pixel_count(content) > LARGEST:
+        width, height = (int.from_bytes(content[start : start + 4], "big") for start in (16, 20))
         raise ValueError(f"{name} must have at most {LARGEST} pixels, got {width} x {height}")
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
