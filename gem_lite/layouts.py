@@ -1,14 +1,13 @@
 """Scenes from the files that people have: BOP, TUM, Open3D's recorder, organised point clouds, ROS bags.
 
-Each reader gives one `Frame`. `write` puts it into a scene, a folder as `gem_lite.rgbd.observation` describes it.
-`gem-lite set-up` then finds the pose if the files have none.
+Each reader gives one `RawView`, with a pose if the files have one. `write` puts it into a scene, a folder as
+`gem_lite.rgbd.observation` describes it. `gem-lite set-up` then finds the pose if there is none.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ import cv2
 import numpy as np
 
 from gem_lite.foundations.files import write_together, writing
-from gem_lite.rgbd.camera import Camera, View, checked_intrinsics, checked_pose
+from gem_lite.rgbd.camera import checked_intrinsics, checked_pose
 from gem_lite.rgbd.lens import checked_distortion, without_distortion
-from gem_lite.rgbd.observation import CAMERAS_FILE, Observation
+from gem_lite.rgbd.observation import CAMERAS_FILE, Observation, RawView
 
 TUM_SCALE = 1 / 5000
 """Metres of one step of a depth picture of TUM's benchmark."""
@@ -33,34 +32,16 @@ COLORS = {"rgb8": (3, None), "bgr8": (3, cv2.COLOR_BGR2RGB), "rgba8": (4, cv2.CO
 """ROS's encodings of colour pictures: how many channels each has, and how it becomes RGB."""
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A colour picture with its depth, as one camera took them.
-
-    Attributes:
-        name: of the camera.
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) float32 metres, 0 where nothing was measured.
-        intrinsics: (3, 3), with the middle of the first pixel at (0.5, 0.5).
-        pose: (4, 4) from the camera's axes to the frame that the files have; None if they have none.
-    """
-
-    name: str
-    rgb: np.ndarray
-    depth: np.ndarray
-    intrinsics: np.ndarray
-    pose: np.ndarray | None = None
-
-
-def write(folder: Path, frame: Frame) -> None:
+def write(folder: Path, frame: RawView) -> None:
     """Write a frame as a camera of a scene. Other cameras stay; a frame without a pose keeps that of its name.
 
     Raises: as `Observation.save`; ValueError if colour and depth differ in size, or another camera has these files.
     """
     pose = np.eye(4) if frame.pose is None else frame.pose
-    depth = np.where(np.isfinite(frame.depth) & (frame.depth > 0), frame.depth, 0).astype(np.float32)
-    view = View(Camera(frame.name, frame.intrinsics, pose, frame.rgb.shape[:2]), frame.rgb, depth)
-    contents = Observation((view,)).contents(folder)
+    observation = Observation.from_arrays(
+        [frame.rgb], [frame.depth], [np.asarray(frame.intrinsics)], [np.asarray(pose)], [frame.name]
+    )
+    contents = observation.contents(folder)
     cameras = folder / CAMERAS_FILE
     scene = json.loads(contents[cameras])
     if frame.pose is None:
@@ -81,7 +62,7 @@ def write(folder: Path, frame: Frame) -> None:
         write_together(contents)
 
 
-def read_bop(scene: Path, number: int, name: str = "front") -> Frame:
+def read_bop(scene: Path, number: int, name: str = "front") -> RawView:
     """A picture of a scene in the format of the BOP challenge: scene_camera.json, rgb/ and depth/.
 
     Raises:
@@ -100,12 +81,12 @@ def read_bop(scene: Path, number: int, name: str = "front") -> Frame:
         pose = checked_pose(np.linalg.inv(world_to_camera), f"{path} {number} cam_R_w2c")
     rgb, depth = (_first(scene / kind, f"{number:06d}") for kind in ("rgb", "depth"))
     metres = _depth(depth) * (entry["depth_scale"] / 1000)
-    return Frame(name, _color(rgb), metres, _from_first_pixel(np.reshape(entry["cam_K"], (3, 3)), str(path)), pose)
+    return RawView(name, _color(rgb), metres, _from_first_pixel(np.reshape(entry["cam_K"], (3, 3)), str(path)), pose)
 
 
 def read_tum(
     folder: Path, number: int, intrinsics: tuple[float, float, float, float] = TUM_INTRINSICS, name: str = "front"
-) -> Frame:  # fmt: skip
+) -> RawView:  # fmt: skip
     """A picture of a sequence of TUM's RGB-D benchmark: rgb.txt and depth.txt, and a pose if groundtruth.txt has it.
 
     Args:
@@ -133,10 +114,10 @@ def read_tum(
         raise ValueError(f"{rgb_file} and {depth_file} must be pictures in {folder}")
     fx, fy, cx, cy = intrinsics
     matrix = _from_first_pixel(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), "intrinsics")
-    return Frame(name, _color(folder / rgb_file), _depth(folder / depth_file) * TUM_SCALE, matrix, pose)
+    return RawView(name, _color(folder / rgb_file), _depth(folder / depth_file) * TUM_SCALE, matrix, pose)
 
 
-def read_open3d(folder: Path, number: int, name: str = "front") -> Frame:
+def read_open3d(folder: Path, number: int, name: str = "front") -> RawView:
     """A picture of a recording of Open3D's RealSense recorder: camera_intrinsic.json, color/ and depth/ in millimetres.
 
     Raises:
@@ -145,10 +126,10 @@ def read_open3d(folder: Path, number: int, name: str = "front") -> Frame:
     path = folder / "camera_intrinsic.json"
     matrix = np.reshape(_json(path)["intrinsic_matrix"], (3, 3)).T  # Open3D writes it by columns.
     rgb, depth = (_first(folder / kind, f"{number:06d}") for kind in ("color", "depth"))
-    return Frame(name, _color(rgb), _depth(depth) / 1000, _from_first_pixel(matrix, str(path)))
+    return RawView(name, _color(rgb), _depth(depth) / 1000, _from_first_pixel(matrix, str(path)))
 
 
-def read_cloud(points: np.ndarray, rgb: np.ndarray, name: str = "front") -> Frame:
+def read_cloud(points: np.ndarray, rgb: np.ndarray, name: str = "front") -> RawView:
     """An organised point cloud: each pixel's point in the camera's axes (x right, y down, z forward).
 
     The intrinsics are those with which the points appear at their pixels, by least squares.
@@ -177,10 +158,10 @@ def read_cloud(points: np.ndarray, rgb: np.ndarray, name: str = "front") -> Fram
         raise ValueError(
             f"points must be those of a camera's pixels in its own axes: they appear {max(off):.1f} pixels away"
         )
-    return Frame(name, np.ascontiguousarray(rgb), np.where(measured, points[..., 2], 0).astype(np.float32), matrix)
+    return RawView(name, np.ascontiguousarray(rgb), np.where(measured, points[..., 2], 0).astype(np.float32), matrix)
 
 
-def read_bag(path: Path, color: str, depth: str, info: str, name: str = "front") -> Frame:
+def read_bag(path: Path, color: str, depth: str, info: str, name: str = "front") -> RawView:
     """The first picture of a ROS 1 or ROS 2 bag that has a depth picture of about the same time.
 
     Lens distortion (plumb_bob or rational_polynomial) is undone.
@@ -221,7 +202,7 @@ def read_bag(path: Path, color: str, depth: str, info: str, name: str = "front")
         size = f"{camera.width} x {camera.height}"
         raise ValueError(f"{info} is for pictures of {size} pixels, got {picture.shape[1]} x {picture.shape[0]}")
     metres = measured.astype(np.float32) / (1000 if measured.dtype == np.uint16 else 1)
-    return Frame(name, without_distortion(picture, matrix, lens), without_distortion(metres, matrix, lens), matrix)
+    return RawView(name, without_distortion(picture, matrix, lens), without_distortion(metres, matrix, lens), matrix)
 
 
 def _together(colors: Sequence[tuple[float, Any]], depths: Sequence[tuple[float, Any]]) -> tuple[Any, Any] | None:

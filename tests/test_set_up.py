@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from gem_lite import clip
 from gem_lite.cli import main, own_table
 from gem_lite.rgbd import planes, table_pose, tags
-from gem_lite.rgbd.camera import View, camera_looking_at
+from gem_lite.rgbd.camera import View, camera_looking_at, rays
 from gem_lite.rgbd.observation import CAMERAS_FILE, Observation, read_raw, robot_base
 from gem_lite.rgbd.seen import seen_rectangle
 from gem_lite.se2 import Pose2, Workspace
@@ -117,7 +117,7 @@ def test_known_points_say_how_far_they_are_off():
 
 
 def plane_distance(plane, view, one, other):
-    met = plane.met_by(np.zeros(3), table_pose.rays(np.stack([one, other]), view.intrinsics))
+    met = plane.met_by(np.zeros(3), rays(np.stack([one, other]), view.intrinsics))
     return np.linalg.norm(met[1] - met[0])
 
 
@@ -158,7 +158,7 @@ def test_the_floor_is_the_table_where_the_clicks_say_so():
 def _cloud(view):
     rows, cols = np.indices(view.depth.shape)
     pixels = np.stack([cols.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
-    return (table_pose.rays(pixels, view.intrinsics) * view.depth.reshape(-1, 1)).reshape(*view.depth.shape, 3)
+    return (rays(pixels, view.intrinsics) * view.depth.reshape(-1, 1)).reshape(*view.depth.shape, 3)
 
 
 def printed(sheet, lower_left, side):
@@ -177,10 +177,8 @@ def printed(sheet, lower_left, side):
     # OpenCV's pictures have their first pixel's middle at (0, 0).
     lift = cv2.getPerspectiveTransform(np.float32(on_sheet - 0.5), np.float32(pixels - 0.5))
     gray = cv2.warpPerspective(sheet, lift, (640, 480), flags=cv2.INTER_AREA, borderValue=150)
-    rays = table_pose.rays(
-        np.stack(np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5), -1).reshape(-1, 2), camera.matrix
-    )
-    depth = (-camera.position[2] / (rays @ camera.rotation.T)[:, 2]).reshape(480, 640)
+    seen = rays(np.stack(np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5), -1).reshape(-1, 2), camera.matrix)
+    depth = (-camera.position[2] / (seen @ camera.rotation.T)[:, 2]).reshape(480, 640)
     noise = np.random.default_rng(0).normal(0, 0.001, depth.shape)
     return camera, np.repeat(gray[..., None], 3, axis=2), (depth + noise).astype(np.float32)
 
@@ -273,11 +271,8 @@ def test_a_proposal_gives_a_level_table(unposed, tmp_path, capsys):
     z = (_cloud(view) @ pose[:3, :3].T + pose[:3, 3])[..., 2][view.depth > 0]
     assert np.mean(np.abs(z) < 0.005) > 0.5
     height, width = view.depth.shape
-    rays = (
-        table_pose.rays(np.array([[width / 2, height / 2], [0.6 * width, height / 2]]), view.intrinsics)
-        @ pose[:3, :3].T
-    )
-    middle, right = (pose[:3, 3] - rays * (pose[2, 3] / rays[:, 2:]))[:, :2]
+    seen = rays(np.array([[width / 2, height / 2], [0.6 * width, height / 2]]), view.intrinsics) @ pose[:3, :3].T
+    middle, right = (pose[:3, 3] - seen * (pose[2, 3] / seen[:, 2:]))[:, :2]
     assert np.allclose(middle, (0.4, 0.1), atol=1e-6)
     assert math.degrees(math.atan2(*(right - middle)[::-1])) == pytest.approx(30), "the picture's right is +x"
 

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from gem_lite.cli.base import make_app
 
 if TYPE_CHECKING:
-    from gem_lite.layouts import Frame
+    from gem_lite.rgbd.observation import RawView
 
 ABOUT = """Make a scene, a folder with cameras.json, of one picture with its depth.
 
@@ -118,7 +118,7 @@ def as_a_sentence(source: Path) -> Iterator[None]:
         raise ValueError(f"{source} is not as its format says: {type(error).__name__}: {error}") from error
 
 
-def finish(scene: Path, frame: Frame) -> None:
+def finish(scene: Path, frame: RawView) -> None:
     """Write a frame into a scene, and say what it is."""
     from gem_lite import layouts
     from gem_lite.rgbd.observation import DEEPEST, DEPTH_SCALE

@@ -113,7 +113,7 @@ def look(
     from gem_lite.maps import places, refusal
     from gem_lite.policies import robot_plan
     from gem_lite.rgbd.observation import Observation, robot_base
-    from gem_lite.rgbd.seen import seen_rectangle
+    from gem_lite.rgbd.seen import as_option, seen_rectangle
 
     observation = Observation.load(folder)
     base = robot_base(folder)
@@ -152,7 +152,7 @@ def look(
     if unseen_share >= WORTH_SAYING:
         print(f"no camera sees {100 * unseen_share:.0f} % of the table: nothing is picked or placed there")
     if unseen_share >= MUCH and (fitting := seen_rectangle(seen, gem.config.workspace)) is not None:
-        print("what is seen fits --rectangle " + " ".join(f"{limit:.2f}" for limit in fitting))
+        print(f"what is seen fits {as_option(fitting)}")
     for reason in filter(None, refusals.values()):
         print(reason)
     for phrase, of_phrase in best.items():
@@ -219,11 +219,17 @@ def thing(name: str) -> ThingQuery:
     return language.read_picture(name) if name.lower().endswith(".png") else language.parse_thing(name)
 
 
-def draw(figures: dict[str, Figure], out: Path | None, scene: Path) -> Path:
-    """Write figures, each into a file of its name, into ``out`` or the folder for a scene. Returns this folder."""
-    folder = out or Path("runs") / "look" / scene.resolve().name
+def draw(figures: dict[str, Figure], out: Path | None, scene: Path, command: str = "look") -> Path:
+    """Write figures, each into a file of its name, into ``out`` or a command's folder for a scene. Returns this folder.
+
+    The figures are closed.
+    """
+    import matplotlib.pyplot as plt
+
+    folder = out or Path("runs") / command / scene.resolve().name
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=110)
+        plt.close(figure)
         print(f"wrote {folder / name}.png")
     return folder

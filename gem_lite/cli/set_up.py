@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from gem_lite.cli.base import make_app
+from gem_lite.cli.own_table import draw
 from gem_lite.foundations.files import write_atomically
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from gem_lite.rgbd.observation import RawView
     from gem_lite.rgbd.planes import Plane
@@ -189,6 +191,7 @@ def robot(
     import numpy as np
 
     from gem_lite.rgbd import planes, table_pose
+    from gem_lite.rgbd.camera import measured_points
     from gem_lite.rgbd.observation import read_raw
 
     refuse_base(folder)
@@ -197,7 +200,7 @@ def robot(
         refuse(view)
     poses = [np.array(view.view().camera.pose) for view in views]
     clouds = [
-        table_pose.measured_points(view.depth, view.intrinsics) @ pose[:3, :3].T + pose[:3, 3]
+        measured_points(view.depth, view.intrinsics) @ pose[:3, :3].T + pose[:3, 3]
         for view, pose in zip(views, poses, strict=True)
     ]
     level = table_pose.level_planes(clouds, [pose[:3, 3] for pose in poses])
@@ -235,9 +238,9 @@ def chosen(folder: Path, name: str | None) -> RawView:
 
 def refuse(view: RawView) -> None:
     """Raises ValueError if a view has a mistake that no pose can mend."""
-    from gem_lite.rgbd.camera_check import strange_intrinsics
+    from gem_lite.rgbd.camera_check import implausible_intrinsics
 
-    reason = view.misfit or strange_intrinsics(view)
+    reason = view.misfit or implausible_intrinsics(view)
     if reason:
         raise ValueError(f"camera {view.name!r}: {reason}")
 
@@ -312,12 +315,11 @@ def finish(folder: Path, view: RawView, found: TablePose, options: Options, pixe
             f"the camera sees the table from x {x_min:.2f} to {x_max:.2f} m and y {y_min:.2f} to {y_max:.2f} m; "
             "check-cameras, look and train take another part of it as --rectangle"
         )
-    file = draw(folder, posed, options.out, pixels)
+    draw({view.name: show(posed, pixels)}, options.out, folder, "set-up")
     write(folder, {view.name: np.array(found.pose)})
-    print(f"wrote {file}")
 
 
-def draw(folder: Path, posed: RawView, out: Path | None, pixels: Pixels) -> Path:
+def show(posed: RawView, pixels: Pixels) -> Figure:
     """Draw the shipped policies' rectangle, if it is seen, and the axes into a camera's picture."""
     import numpy as np
 
@@ -343,11 +345,7 @@ def draw(folder: Path, posed: RawView, out: Path | None, pixels: Pixels) -> Path
     except ValueError:
         print("the camera sees nothing of the shipped policies' rectangle, x 0.25 to 0.75 m and y -0.5 to 0.5 m")
         heightmap = None
-    figure = plot_own_table.show_set_up(view.rgb, to_pixels(border), to_pixels(axes), heightmap, pixels)
-    target = out or Path("runs") / "set-up" / folder.resolve().name
-    target.mkdir(parents=True, exist_ok=True)
-    figure.savefig(target / f"{view.camera.name}.png", dpi=110)
-    return target / f"{view.camera.name}.png"
+    return plot_own_table.show_set_up(view.rgb, to_pixels(border), to_pixels(axes), heightmap, pixels)
 
 
 def write(folder: Path, poses: dict[str, np.ndarray], base: np.ndarray | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -175,6 +176,24 @@ def _rays(camera: Camera) -> np.ndarray:
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)  # the pixels' centres, each (H, W)
     pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
     return (pixels @ np.linalg.inv(camera.matrix).T @ camera.rotation.T).astype(np.float32)
+
+
+def rays(pixels: np.ndarray, intrinsics: Matrix) -> np.ndarray:
+    """(N, 3): the points at depth 1, in the camera's axes, of pixels (N, 2): x and y from the upper left edge."""
+    return np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(np.asarray(intrinsics, float)).T
+
+
+def measured_points(depth: np.ndarray, intrinsics: Matrix, count: int = 20_000) -> np.ndarray:
+    """(N, 3): about ``count`` of a depth picture's pixels as points in the camera's axes (m).
+
+    Args:
+        depth: (H, W) metres along the axis, 0 where nothing was measured.
+        intrinsics: (3, 3), of pixels of this size.
+    """
+    step = max(1, round(math.sqrt(depth.size / count)))
+    some = depth[::step, ::step]
+    rows, cols = np.nonzero(some > 0)
+    return rays(np.column_stack([cols, rows]) * step + 0.5, intrinsics) * some[rows, cols, None]
 
 
 def camera_looking_at(name: str, position: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:

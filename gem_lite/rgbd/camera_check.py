@@ -16,11 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gem_lite.rgbd.camera import measured_points
 from gem_lite.rgbd.observation import RawView
 from gem_lite.rgbd.planes import Plane, find_planes, tilt
-from gem_lite.rgbd.seen import seen_of_table
+from gem_lite.rgbd.seen import as_option, seen_of_table
 from gem_lite.se2 import Workspace
 
+POINTS = 12_000
+"""About so many points of a view are compared."""
 CELL = 0.02
 """Side (m) of the cells in which views are compared."""
 LEVEL = 0.012
@@ -72,16 +75,12 @@ class Cloud:
 
 
 def cloud(view: RawView) -> Cloud:
-    """About 12,000 points of a view. If depth has another size than colour, the intrinsics are scaled to it."""
+    """About `POINTS` points of a view. If depth has another size than colour, the intrinsics are scaled to it."""
     height, width = view.depth.shape
-    step = max(1, round(math.sqrt(view.depth.size / 12_000)))
-    x, y = np.meshgrid(np.arange(0, width, step) + 0.5, np.arange(0, height, step) + 0.5)
-    shares = np.array([view.rgb.shape[1] / width, view.rgb.shape[0] / height])
-    pixels = np.stack([x * shares[0], y * shares[1], np.ones_like(x)], axis=-1)
-    depth = view.depth[::step, ::step]
-    local = pixels @ np.linalg.inv(np.array(view.intrinsics)).T * depth[..., None]
+    scale = np.diag([width / view.rgb.shape[1], height / view.rgb.shape[0], 1.0])
     pose = np.array(view.pose)
-    return Cloud(local[depth > 0], pose[:3, :3], pose[:3, 3])
+    local = measured_points(view.depth, scale @ np.array(view.intrinsics), POINTS)
+    return Cloud(local, pose[:3, :3], pose[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -246,18 +245,18 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
         workspace: the part of the table that matters. The table is at z = 0.
     """
     findings = [Finding("sizes differ", (view.name,), view.misfit) for view in views if view.misfit]
-    strange = [Finding("intrinsics", (view.name,), text) for view in views if (text := strange_intrinsics(view))]
-    if strange:
-        return [*findings, *strange]
+    implausible = [
+        Finding("intrinsics", (view.name,), text) for view in views if (text := implausible_intrinsics(view))
+    ]
+    if implausible:
+        return [*findings, *implausible]
     blind = tuple(view.name for view in views if not (view.depth > 0).any())
     if blind:
         return [*findings, Finding("no depth", blind, "no pixel has a depth: the depth picture is 0 everywhere")]
     clouds = [cloud(view) for view in views]
     as_given = fit(clouds, workspace)
-    partly = all(
-        as_given.covered[number] >= GLIMPSE and _fits(clouds[number]) for number in as_given.wrong
-    )  # fmt: skip
-    if partly and as_given.agreed >= AGREED:
+    poses_fit = all(as_given.covered[number] >= GLIMPSE and _fits(clouds[number]) for number in as_given.wrong)
+    if poses_fit and as_given.agreed >= AGREED:
         return findings
     return [*findings, _explain([view.name for view in views], clouds, as_given, workspace)]
 
@@ -316,10 +315,10 @@ def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, works
 def rectangle_for(view: RawView) -> str:
     """What to say of a view that sees little of the workspace: the rectangle that it sees, if its pose fits."""
     seen = seen_of_table(view.view()) if not view.misfit and _fits(cloud(view)) else None
-    return "" if seen is None else "; what it sees fits --rectangle " + " ".join(f"{limit:.2f}" for limit in seen)
+    return "" if seen is None else f"; what it sees fits {as_option(seen)}"
 
 
-def strange_intrinsics(view: RawView) -> str:
+def implausible_intrinsics(view: RawView) -> str:
     """Why a view's intrinsics cannot be those of its picture, in words; "" if they can."""
     height, width = view.rgb.shape[:2]
     matrix = np.array(view.intrinsics)
@@ -337,10 +336,9 @@ def strange_intrinsics(view: RawView) -> str:
 
 def _table(given: Cloud) -> tuple[Plane, float] | None:
     """The largest plane that is almost level, and its height (m) in the middle of what is seen of it."""
-    points = given.points
-    for plane in find_planes(points, given.position):
+    for plane in find_planes(given.points, given.position):
         if tilt(plane.normal) <= LARGEST_TILT:
-            return plane, float(points[np.abs(plane.height(points)) < LEVEL, 2].mean())
+            return plane, float(plane.middle(given.points)[2])
     return None
 
 

@@ -20,9 +20,7 @@ from gem_lite.rgbd.planes import find_planes, tilt
 LARGEST_TILT = 15.0
 """A plane that is tilted more (degrees) is not taken for the table."""
 LARGEST_LIFT = 0.2
-"""A plane that passes farther from z = 0 (m), below what is seen of it, is not taken for the table."""
-NEAR = 0.02
-"""The mean height of the points at most this far (m) from a plane is its height."""
+"""A plane whose seen part lies farther from z = 0 (m) is not taken for the table."""
 POINTS = 20_000
 """About as many points of a view are enough."""
 
@@ -44,7 +42,7 @@ def _levelled(view: View) -> View:
     points = points[:: max(1, len(points) // POINTS)].astype(np.float64)
     position = view.camera.position
     planes = find_planes(points, position) if len(points) else []
-    heights = [float(points[np.abs(plane.height(points)) < NEAR, 2].mean()) for plane in planes]
+    heights = [float(plane.middle(points)[2]) for plane in planes]
     tables = [
         (abs(height), number)
         for number, (plane, height) in enumerate(zip(planes, heights, strict=True))

@@ -80,14 +80,14 @@ class RawView:
         name: of the camera.
         rgb: (H, W, 3) uint8.
         depth: (h, w) float32 metres; 0 where nothing was measured.
-        intrinsics, pose: those of `Camera`.
+        intrinsics, pose: those of `Camera`. None: the pose is not known.
     """
 
     name: str
     rgb: np.ndarray
     depth: np.ndarray
     intrinsics: Matrix
-    pose: Matrix
+    pose: Matrix | None = None
 
     @property
     def misfit(self) -> str:
@@ -98,9 +98,11 @@ class RawView:
         return f"colour is {color} and depth {depth} pixels: give the depth that is aligned to the colour camera"
 
     def view(self) -> View:
-        """The view. Raises ValueError if colour and depth have different sizes, or the pose is a reflection."""
+        """The view. Raises ValueError if colour and depth differ in size, or the pose is not known or a reflection."""
         if self.misfit:
             raise ValueError(f"camera {self.name!r}: {self.misfit}")
+        if self.pose is None:
+            raise ValueError(f"camera {self.name!r} has no pose: `gem-lite set-up` finds it by the table")
         size = (self.rgb.shape[0], self.rgb.shape[1])
         return View(Camera(self.name, self.intrinsics, self.pose, size), self.rgb, self.depth)
 
@@ -222,7 +224,7 @@ def read_raw(folder: Path | str, posed: bool = True) -> list[RawView]:
     """The cameras of a folder. Other than in `Observation.load`, colour and depth may have different sizes.
 
     Args:
-        posed: whether every camera must have a pose. Otherwise poses are not read, and each is the identity.
+        posed: whether every camera must have a pose. Otherwise poses are not read.
 
     Raises: as `Observation.load`.
     """
@@ -261,8 +263,9 @@ def raw_views(
         checked_intrinsics(entry.intrinsics, f"{path} cameras {number} intrinsics")
         if entry.pose is None and posed:
             raise ValueError(f"{path} cameras {number} lacks pose: `gem-lite set-up` finds it by the table")
-        pose = entry.pose if posed and entry.pose is not None else np.eye(4)
-        checked_pose(pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
+        pose = entry.pose if posed else None
+        if pose is not None:
+            checked_pose(pose, f"{path} cameras {number} pose", mirrored=True)  # `camera_check` explains a mirror.
         rgb = read_picture(entry.color, 3, np.uint8)
         depth = read_picture(entry.depth, 1, np.uint16).astype(np.float32) * np.float32(entry.depth_scale)
         distortion = checked_distortion(entry.distortion, f"{path} cameras {number} distortion")

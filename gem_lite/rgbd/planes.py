@@ -39,6 +39,10 @@ class Plane:
         """How far points (..., 3) lie above the plane (m), on the side of its normal."""
         return points @ self.normal + self.offset
 
+    def middle(self, points: np.ndarray) -> np.ndarray:
+        """(3,): the mean of those points (N, 3) that lie on the plane."""
+        return points[np.abs(self.height(points)) < FLAT].mean(axis=0)
+
     def met_by(self, start: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(N, 3): where rays from a point (3,) along directions (N, 3) meet the plane; NaN where they do not."""
         steepness = directions @ self.normal

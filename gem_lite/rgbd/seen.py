@@ -32,6 +32,11 @@ def seen_of_table(view: View) -> tuple[float, float, float, float] | None:
     return seen_rectangle(sort_points([view], wide).seen, wide)
 
 
+def as_option(rectangle: tuple[float, float, float, float]) -> str:
+    """A rectangle as the commands take it."""
+    return "--rectangle " + " ".join(f"{limit:.2f}" for limit in rectangle)
+
+
 def seen_rectangle(seen: np.ndarray, workspace: Workspace) -> tuple[float, float, float, float] | None:
     """The largest rectangle of a map that is seen, apart from the shadows of things.
 

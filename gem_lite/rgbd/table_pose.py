@@ -16,13 +16,11 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gem_lite.rgbd.camera import Matrix, as_pose, checked_intrinsics
+from gem_lite.rgbd.camera import Matrix, as_pose, checked_intrinsics, measured_points, rays
 from gem_lite.rgbd.planes import Plane, find_planes, tilt
 from gem_lite.rgbd.tags import CORNERS, DICTIONARY, TAG_COUNT, TAG_SIDE, LocalisationError, tag_corners
 from gem_lite.se2 import Pose2
 
-POINTS = 20_000
-"""About so many measured pixels of a view are looked at."""
 UPRIGHT = 20.0
 """The table of a robot is level within this angle (degrees) in the frame of the robot's base."""
 CLICKED = 0.03
@@ -71,20 +69,6 @@ class TablePose:
             raise ValueError(
                 f"the points are too near to each other: a pixel's error turns the table by {self.turn:.0f} degrees"
             )
-
-
-def measured_points(depth: np.ndarray, intrinsics: Matrix, count: int = POINTS) -> np.ndarray:
-    """(N, 3): about ``count`` of a depth picture's pixels as points in the camera's axes (m)."""
-    step = max(1, round(math.sqrt(depth.size / count)))
-    some = depth[::step, ::step]
-    rows, cols = np.nonzero(some > 0)
-    return rays(np.column_stack([cols, rows]) * step + 0.5, intrinsics) * some[rows, cols, None]
-
-
-def rays(pixels: np.ndarray, intrinsics: Matrix) -> np.ndarray:
-    """(N, 3): the points at depth 1 of pixels (N, 2), x and y from the picture's upper left edge."""
-    homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
-    return homogeneous @ np.linalg.inv(np.asarray(intrinsics, float)).T
 
 
 def table_planes(depth: np.ndarray, intrinsics: Matrix, clicks: Sequence[Sequence[float]] = ()) -> list[Plane]:
