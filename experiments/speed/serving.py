@@ -1,7 +1,13 @@
 """What a message to `gem-lite serve` takes besides the policy: python -m experiments.speed.serving
 
-Two clients send a thousand messages with the pictures of one or three cameras (640 x 480: 2.1 or 6.5 MB). Meanwhile ten
-other clients ask and go away. In the place of a policy stands a function that reads the pictures and answers at once.
+One client alone, and then two at once, send a thousand messages with the pictures of one or three cameras (640 x 480:
+2.1 or 6.5 MB). Meanwhile ten other clients ask and go away. In the place of a policy stands a function that reads the
+pictures and answers at once.
+
+Most of the time goes to memory: the system gives and takes megabytes for each copy of a message. With glibc the programs
+keep them, if both begin with
+
+    MALLOC_MMAP_THRESHOLD_=134217728 MALLOC_TRIM_THRESHOLD_=268435456
 """
 
 import asyncio
@@ -17,7 +23,7 @@ from websockets.sync.client import connect
 from gem_lite.serving import server as serving
 from gem_lite.serving.messages import pack
 
-REQUESTS, CLIENTS, GOING_AWAY = 1000, 2, 10
+REQUESTS, GOING_AWAY = 1000, 10
 CAMERA = {
     "colors": np.full((480, 640, 3), 90, np.uint8),
     "depths": np.full((480, 640), 0.9, np.float32),
@@ -45,7 +51,7 @@ def serve(port):
     asyncio.run(run())
 
 
-def measure(cameras):
+def measure(cameras, clients):
     """Print lost answers, times and memory."""
     message = {"prompt": "put the red block in the blue bowl"} | {name: [one] * cameras for name, one in CAMERA.items()}
     receiver, sender = multiprocessing.Pipe(duplex=False)
@@ -56,7 +62,7 @@ def measure(cameras):
 
     def ask(first):
         robot = WebsocketClientPolicy("127.0.0.1", port)
-        for number in range(first, first + REQUESTS // CLIENTS):
+        for number in range(first, first + REQUESTS // clients):
             start = time.perf_counter()
             answer = robot.infer(message | {"number": number})
             timing = answer["server_timing"]
@@ -65,26 +71,27 @@ def measure(cameras):
             if number % 100 == 99:
                 memory.append(watched.memory_info().rss / 2**20)
 
-    clients = [threading.Thread(target=ask, args=(k * REQUESTS // CLIENTS,)) for k in range(CLIENTS)]
-    for client in clients:
-        client.start()
+    robots = [threading.Thread(target=ask, args=(k * REQUESTS // clients,)) for k in range(clients)]
+    for robot in robots:
+        robot.start()
     for _ in range(GOING_AWAY):
         time.sleep(0.5)
         with connect(f"ws://127.0.0.1:{port}", max_size=None) as link:
             link.send(pack(message | {"number": -1}))
             link.socket.close()
-    for client in clients:
-        client.join()
-    print(f"{cameras} cameras: {len(besides)} answers, {len(lost)} lost or mixed up")
-    print(f"besides the policy and waiting for the other client: median {np.median(besides):.1f} ms")
+    for robot in robots:
+        robot.join()
+    print(f"{cameras} cameras, {clients} clients: {len(besides)} answers, {len(lost)} lost or mixed up")
+    print(f"besides the policy and waiting for another client: median {np.median(besides):.1f} ms")
     print(f"the server's memory: {memory[1]:.0f} MiB after a fifth, {memory[-1]:.0f} MiB at the end")
     process.kill()
 
 
 def main():
-    """Measure with one camera and with three."""
-    for cameras in (1, 3):
-        measure(cameras)
+    """Measure with one camera and with three, one client and two."""
+    for clients in (1, 2):
+        for cameras in (1, 3):
+            measure(cameras, clients)
 
 
 if __name__ == "__main__":

@@ -43,4 +43,5 @@ def _unpack_numbers(entries: dict) -> Any:  # noqa: ANN401 (an array, a number o
         raise ValueError(f"an array must hold numbers, got the type {dtype}")
     if b"__npgeneric__" in entries:
         return dtype.type(data)
-    return np.frombuffer(data, dtype).reshape(entries[b"shape"]).astype(dtype.newbyteorder("="))
+    numbers = np.frombuffer(data, dtype).reshape(entries[b"shape"])
+    return numbers.astype(dtype.newbyteorder("="), copy=False)
