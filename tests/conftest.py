@@ -155,10 +155,20 @@ SHORT_LESSONS = ("00", "01")
 
 def pytest_addoption(parser):
     parser.addoption("--all-lessons-twice", action="store_true", help="run the long lessons twice, too")
+    parser.addoption("--release", action="store_true", help="run the long tests, too, which have the mark release")
 
 
 def pytest_collection_modifyitems(config, items):
-    """Lessons run twice in one kernel, as with *Run All* twice: a second item for each of their cells."""
+    """Without ``--release``, the long tests are left out. Lessons run twice in one kernel."""
+    if not config.getoption("release"):
+        left_out = [item for item in items if item.get_closest_marker("release")]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+    _run_twice(config, items)
+
+
+def _run_twice(config, items):
+    """As with *Run All* twice: a second item for each cell of the lessons that run twice."""
     all_twice = config.getoption("all_lessons_twice")
     again = {}
     for item in items:

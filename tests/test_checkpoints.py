@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import io
 import json
 import pickle
 from pathlib import Path
@@ -128,7 +129,18 @@ def test_a_state_dict_is_the_same_in_both_modes_and_loads_in_both(model, ending)
             parameter.data.add_(1.0)
 
 
-COPIES = {"copy.deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it))}
+def through_a_file(policy):
+    content = io.BytesIO()
+    torch.save(policy, content)
+    content.seek(0)
+    return torch.load(content, weights_only=False)
+
+
+COPIES = {
+    "copy.deepcopy": copy.deepcopy,
+    "pickle": lambda it: pickle.loads(pickle.dumps(it)),
+    "torch.save": through_a_file,
+}
 
 
 @pytest.mark.parametrize("way", COPIES)

@@ -223,6 +223,25 @@ def test_a_clip_model_in_openais_own_format_loads_through_the_same_path(tmp_path
     assert scores.shape == (80, 160) and scores.std() > 0
 
 
+def test_in_half_precision_the_embeddings_are_nearly_the_same_float32():
+    half, whole = clip.load().to("cpu", torch.bfloat16), clip.load()
+    pictures = np.random.default_rng(0).integers(0, 255, (8, 40, 40, 3), dtype=np.uint8)
+    for method, values in (
+        ("embed_images", pictures),
+        ("embed_texts", ["red block"]),
+        ("embed_known_images", pictures),
+    ):
+        found, expected = (getattr(model, method)(values) for model in (half, whole))
+        assert found.dtype == torch.float32
+        assert (found * expected).sum(dim=1).min() > 0.999, method
+    picture = np.random.default_rng(0).integers(0, 255, (80, 120, 3), dtype=np.uint8)
+    found, expected = (model.embed_positions(picture, 40) for model in (half, whole))
+    assert found.dtype == torch.float32 and (found * expected).sum(dim=0).min() > 0.99
+    with pytest.raises(ValueError, match=r"dtype must be one of .*float32, .*float16, .*bfloat16, got .*int8"):
+        half.to("cpu", torch.int8)
+    assert half.to("cpu").embed_images(pictures).dtype == torch.float32 and half._model.dtype == torch.bfloat16
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_gpu_gives_the_same_embeddings():
     there, here = clip.load().to("cuda"), clip.load()

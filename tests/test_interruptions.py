@@ -100,6 +100,7 @@ train.train = noting
 """A module for --import: each process notes what it prepared, read and learned."""
 
 
+@pytest.mark.release
 def test_several_processes_train_by_the_same_command(demo_set, model, tmp_path):
     (tmp_path / "noting.py").write_text(NOTING)
     command = ["train", str(demo_set[0]), "policy.safetensors", "--method", "transporter-lan"]

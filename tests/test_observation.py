@@ -89,6 +89,16 @@ def test_arrays_have_no_depth_that_is_negative_or_infinite():
     assert view.depth.dtype == np.float32 and view.depth.tolist() == [[1, 0, 0], [0, 0, 0], [0, 2, 0]]
 
 
+@pytest.mark.parametrize(
+    ("colors", "depth"),
+    [((3, 4, 3), (3, 4, 1)), ((3, 4, 3), (1, 3, 4)), ((3, 3, 4), (3, 4)), ((3, 4, 4), (3, 4)), ((3, 4), (3, 4))],
+)
+def test_arrays_of_another_shape_are_named_with_the_right_one(colors, depth):
+    with pytest.raises(ValueError) as refused:
+        Observation.from_arrays([np.zeros(colors, np.uint8)], [np.ones(depth)], [np.eye(3)], [np.eye(4)])
+    assert str(refused.value) == f"colors must be (H, W, 3) and depths (H, W), got {colors} and {depth} for 'camera 0'"
+
+
 @pytest.mark.parametrize("scale", [0.0, -0.001, 1.0, float("nan")])
 def test_a_scale_that_could_not_be_loaded_is_not_saved(tmp_path, scale):
     with pytest.raises(ValueError, match="depth_scale must be the metres of one step, above 0 and at most"):

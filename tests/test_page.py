@@ -9,6 +9,7 @@ import pytest
 from gem_lite import clip
 from gem_lite.page import session as sessions
 from gem_lite.page.session import Session
+from gem_lite.policies import robot_plan
 
 FOREIGN = clip.DATA / "foreign-scenes"
 TASK = "put-block-in-bowl-seen-colors"
@@ -51,6 +52,19 @@ def test_a_sentence_a_refusal_an_act_and_another_table(visitor):
     with pytest.raises(ValueError, match="lay a table first"):
         visitor.ask(sentence)
     assert visitor.lay(TASK, 0).text == shown.text, "a session that was closed can begin again"
+
+
+def test_what_no_camera_saw_is_told(visitor):
+    files = files_of("kitchen")
+    cameras = json.loads(files["cameras.json"])
+    cameras["cameras"] = [entry for entry in cameras["cameras"] if entry["name"] == "right"]
+    shown = visitor.upload(files | {"cameras.json": json.dumps(cameras).encode()})
+    assert "No camera sees " in shown.text and "nothing is picked or placed there." in shown.text
+    choice = visitor.policy.decide(visitor._observation, "put the red mug in the blue bowl")
+    wanted = robot_plan.plan(choice).forbidden_in_words()
+    said = visitor.ask("put the red mug in the blue bowl").text
+    assert said.count("The policy wanted another") == len(wanted)
+    assert "No camera sees" not in visitor.lay(TASK, 0).text, "three cameras see the simulated table"
 
 
 def test_an_upload_is_looked_at_and_not_acted_on(visitor):

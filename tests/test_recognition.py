@@ -1,6 +1,7 @@
 """A refusal with a reason when nothing on the table matches the words."""
 
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 
 from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery
-from gem_lite.maps import refusal, things
+from gem_lite.maps import places, refusal, things
 from gem_lite.policies.gem import Gem
 from gem_lite.rgbd.heightmap import HeightMap
 from gem_lite.rgbd.observation import Observation
@@ -181,6 +182,31 @@ def test_the_embedded_clip_refuses_on_a_foreign_table(multi):
         assert refusal.refusal(scene, [absent], multi.source) is not None, absent
     for vague in ("red thing", "something red", "red object", "something green", "red brick"):
         assert refusal.refusal(scene, [vague], multi.source) is None, vague
+
+
+def test_a_colour_alone_points_at_the_thing_of_this_colour(multi):
+    scene = multi.embed(Observation.load(FOREIGN / "workbench").views)
+    things_there = json.loads((FOREIGN / "workbench" / "truth.json").read_text())["things"]
+    where = {f"{thing['color']} {thing['kind']}": (thing["x"], thing["y"]) for thing in things_there}
+    for vague, name in (("red thing", "red block"), ("something green", "green block"), ("red object", "red block")):
+        best, *_ = places.best_places(multi.maps(scene, vague).fused, scene.heightmap.seen, multi.config)
+        assert math.dist((best.x, best.y), where[name]) < 0.03, vague
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_tray_that_fills_a_table_of_which_little_is_seen_is_a_thing(share):
+    workspace = Workspace()
+    noise = np.random.default_rng(0).normal(0, 0.001, workspace.shape)
+    seen = np.zeros(workspace.shape, bool)
+    seen[:, :40] = True
+    cols = round(40 * share)
+    height = np.where(seen, noise, 0.15).astype(np.float32)  # what is not seen has the height of the tray's rim
+    height[10:150, :cols] += 0.03
+    rgb = np.full((*workspace.shape, 3), 100, np.uint8)
+    (tray,), flat = things.things(HeightMap(workspace, rgb, height, seen))
+    expected = np.zeros(workspace.shape, bool)
+    expected[10:150, :cols] = True
+    assert np.array_equal(tray, expected) and flat == []
 
 
 def test_most_things_of_other_foreign_tables_are_refused_on_this_one(multi):

@@ -1,4 +1,4 @@
-"""`make texts` compares what a lesson prints with what it has stored: here a made-up lesson, by the same settings."""
+"""`make release` compares what a lesson prints with what it has stored: here a made-up lesson, by the same settings."""
 
 import subprocess
 import sys

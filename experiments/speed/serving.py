@@ -4,10 +4,10 @@ One client alone, and then two at once, send a thousand messages with the pictur
 2.1 or 6.5 MB). Meanwhile ten other clients ask and go away. In the place of a policy stands a function that reads the
 pictures and answers at once.
 
-Most of the time goes to memory: the system gives and takes megabytes for each copy of a message. With glibc the programs
-keep them, if both begin with
+Most of the time is spent on getting memory from the system and on giving it back. With glibc, both programs keep it if
+they are started with
 
-    MALLOC_MMAP_THRESHOLD_=134217728 MALLOC_TRIM_THRESHOLD_=268435456
+    MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=268435456
 """
 
 import asyncio

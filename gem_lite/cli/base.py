@@ -58,6 +58,10 @@ def examples(command: Callable[..., None]) -> str:
     return f"{title}{lines}"
 
 
+class Refused(Exception):  # noqa: N818 (no error: the command has said why)
+    """The answer of a command is a refusal, and it is printed."""
+
+
 def run(app: App, words: Sequence[str] | None = None) -> int:
     """Run a command line.
 
@@ -65,10 +69,13 @@ def run(app: App, words: Sequence[str] | None = None) -> int:
         words: the arguments without the program's name; by default those of `sys.argv`.
 
     Returns:
-        The exit code: 0; 2 after an error, which one line on stderr explains; 130 after Ctrl-C.
+        The exit code: 0; 1 if the answer is a refusal; 2 after an error, which one line on stderr explains; 130 after
+        Ctrl-C.
     """
     try:
         app(words)
+    except Refused:
+        return 1
     except KeyboardInterrupt as stop:
         print(f"\nstopped{stop}", file=sys.stderr)
         return 130

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 
-def calibrate(clip: str, /) -> None:
+def calibrate(clip: str, /, *, scenes: int = 8) -> None:
     """Measure the scales of a CLIP's scores and its retrieval threshold on rendered scenes, and save them.
 
-    One scale is for patches, one for the map source "dense".
+    One scale is for patches, one for the map source "dense". With a ViT-B/32
+    on a CPU, a scene takes some minutes.
 
     Args:
         clip: Hugging Face name or folder of a CLIP
+        scenes: number of scenes; fewer take less time, and give less exact numbers
 
     Examples:
       gem-lite clip calibrate openai/clip-vit-base-patch32
@@ -19,7 +21,9 @@ def calibrate(clip: str, /) -> None:
     from gem_lite.clip import calibration, load
     from gem_lite.evaluation import calibrating
 
+    if scenes < 1:
+        raise ValueError(f"--scenes must be 1 or more, got {scenes}")
     model = load(clip)
     for kind in get_args(calibration.Kind):
-        numbers = calibrating.calibrate(model, calibrating.rendered_scenes(), kind=kind)
+        numbers = calibrating.calibrate(model, calibrating.rendered_scenes(scenes), kind=kind)
         print(f"{numbers}\nwrote {calibration.write(model, numbers, kind)}")

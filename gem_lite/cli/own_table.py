@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gem_lite.cli.base import Clip
+from gem_lite.cli.base import Clip, Refused
 from gem_lite.foundations.files import DATA, write_atomically
 
 if TYPE_CHECKING:
@@ -19,13 +19,9 @@ if TYPE_CHECKING:
     from gem_lite.policies import gem
 
 SHIPPED = DATA / "gem-multi.safetensors"
-WORTH_SAYING = 0.005
-"""The share of cells that no camera sees is told from here on."""
 MUCH = 0.25
 """From this share on, a rectangle of what is seen is proposed."""
-WANTED_ELSEWHERE = 0.3
-"""A forbidden choice is told if the policy gives it this probability."""
-BGR = "colours: the words fit much better with red and blue exchanged: are the pictures BGR? They must be RGB"
+BGR = "a doubt: the words fit much better with red and blue exchanged: are the pictures BGR? They must be RGB"
 
 Folder = Annotated[Path, Parameter(help="folder with cameras.json and its pictures")]
 Out = Annotated[
@@ -49,7 +45,7 @@ def check_cameras(
     """Do the cameras of a table agree, and if not, what is probably wrong?
 
     Ends with code 2 if something is. Name some coloured things on the table
-    as well: the command then finds pictures that were read as BGR.
+    as well: the command then asks if the pictures were read as BGR.
 
     Args:
         phrases: things on the table with their colours
@@ -74,16 +70,19 @@ def check_cameras(
         print(f"{view.name}: sees the table (z = 0) in {100 * share:.0f} % of the workspace{fitting}")
     for (first, second), share in found.pairs.items():
         print(f"{raw[first].name} and {raw[second].name} agree about {100 * share:.0f} % of what stands there")
-    if not mistakes:
+    try:
         views = Observation(tuple(view.view() for view in raw)).views
         draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, out, folder)
-        if gem and phrases:
-            from gem_lite.maps import places
-
-            if places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
-                mistakes.append(BGR)
+    except ValueError:  # With some mistakes there is nothing to draw: no camera sees the workspace, or sizes differ.
+        if not mistakes:
+            raise
     if mistakes:
         raise ValueError("; ".join(mistakes))
+    if gem and phrases:
+        from gem_lite.maps import places
+
+        if places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
+            print(BGR)
     print("no mistake found" + ("" if phrases else "; name some coloured things to check the colours, too"))
 
 
@@ -93,10 +92,10 @@ def look(
 ) -> None:  # fmt: skip
     """What does the policy see?
 
-    Writes the height map, the maps of each phrase and its best places. It says
-    if nothing on the table fits a phrase. A whole sentence ("put the red block
-    in the blue bowl") also gives the pick and the place. So do --pick and
-    --place, each a thing or a picture of one.
+    Writes the height map, the maps of each phrase and its best places. If
+    nothing on the table fits a phrase, it says so and ends with code 1. A
+    whole sentence ("put the red block in the blue bowl") also gives the pick
+    and the place. So do --pick and --place, each a thing or a picture of one.
 
     Args:
         text: a thing, or a whole sentence
@@ -113,22 +112,23 @@ def look(
     from gem_lite.maps import places, refusal
     from gem_lite.policies import robot_plan
     from gem_lite.rgbd.observation import Observation, robot_base
-    from gem_lite.rgbd.seen import as_option, seen_rectangle
+    from gem_lite.rgbd.seen import as_option, seen_rectangle, sees_nothing, unseen_in_words
 
     observation = Observation.load(folder)
     base = robot_base(folder)
     gem = load(policy, rectangle, clip)
     scene = gem.embed(observation.views)
     asked = read(gem, text) if pick is None and place is None else things(text, pick, place)
-    choice = gem.decide(observation, asked) if isinstance(asked, Queries) else None
-    action = choice.action if choice else None
     queries = [asked.pick, asked.place] if isinstance(asked, Queries) else [asked]
+    refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
+    refused = any(refusals.values())
+    choice = gem.decide(observation, asked) if isinstance(asked, Queries) and not refused else None
+    action = choice.action if choice else None
     maps = {str(query): gem.maps(scene, query) for query in queries}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in maps for name in ("text", "image")}
     fused = {phrase: maps[phrase].fused for phrase in maps}
     seen = scene.heightmap.seen
     best = {phrase: places.best_places(semantic, seen, gem.config) for phrase, semantic in fused.items()}
-    refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
     shown = action if isinstance(action, PickPlace) else None
     planned = robot_plan.plan(choice, base) if choice and shown else None
     in_base = {"pick": planned.pick.tolist(), "place": planned.place.tolist()} if planned and base is not None else None
@@ -148,10 +148,12 @@ def look(
     write_atomically(file, json.dumps(content, indent=1).encode())
     if gem.clip.name == f"embedded {EMBEDDED.name}" and DATA not in folder.resolve().parents:
         print("maps by the embedded CLIP, which has seen renderings alone: on photographs it is often wrong")
-    unseen_share = 1 - seen.mean()
-    if unseen_share >= WORTH_SAYING:
-        print(f"no camera sees {100 * unseen_share:.0f} % of the table: nothing is picked or placed there")
-    if unseen_share >= MUCH and (fitting := seen_rectangle(seen, gem.config.workspace)) is not None:
+    for view in observation.views:
+        if sees_nothing(view, gem.config.workspace):
+            print(f"camera {view.camera.name!r} sees nothing of the rectangle")
+    if said := unseen_in_words(seen):
+        print(said)
+    if 1 - seen.mean() >= MUCH and (fitting := seen_rectangle(seen, gem.config.workspace)) is not None:
         print(f"what is seen fits {as_option(fitting)}")
     for reason in filter(None, refusals.values()):
         print(reason)
@@ -160,15 +162,13 @@ def look(
     if action is not None:
         print(action)
     if planned:
-        for part, chance in (("pick", planned.unseen_pick), ("place", planned.unseen_place)):
-            if chance >= WANTED_ELSEWHERE:
-                print(
-                    f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
-                )
+        print(*planned.forbidden_in_words(), sep="\n")
     for part, pose in (in_base or {}).items():
         x, y, z = (row[3] for row in pose[:3])
         print(f"{part} in the frame of the robot's base: ({x:.3f}, {y:.3f}, {z:.3f}) m")
     print(f"wrote {file}")
+    if refused:
+        raise Refused
 
 
 def load(checkpoint: Path, rectangle: tuple[float, float, float, float] | None, clip_name: str | None) -> gem.Gem:

@@ -25,6 +25,8 @@ ENVIRONMENT_VARIABLE = "GEM_LITE_CLIP"
 
 REMEMBERED = 20_000
 """A CLIP remembers the embeddings of this number of small pictures: some 20 MB."""
+PRECISIONS = (torch.float32, torch.float16, torch.bfloat16)
+"""The types that a CLIP's weights may have (`Clip.to`)."""
 INNER_QUARTERS = (3, 2, 1)
 """After which quarters of the image tower `Clip.inner_features` are taken."""
 
@@ -96,9 +98,20 @@ class Clip:
         """The device of the model."""
         return next(self._model.parameters()).device
 
-    def to(self, device: str | torch.device) -> Clip:
-        """Move the model to a device."""
-        self._model.to(device)
+    def to(self, device: str | torch.device, dtype: torch.dtype | None = None) -> Clip:
+        """Move the model to a device. Embeddings that were kept are dropped.
+
+        Args:
+            dtype: of its weights; by default it stays. Half precision (``torch.float16`` on a GPU) takes half the
+                memory. Embeddings are float32 all the same, but less exact. Use one type for training and acting: a
+                checkpoint does not know it.
+
+        Raises:
+            ValueError: ``dtype`` is not one of `PRECISIONS`.
+        """
+        if dtype not in (None, *PRECISIONS):
+            raise ValueError(f"dtype must be one of {', '.join(map(str, PRECISIONS))}, got {dtype}")
+        self._model.to(device, dtype)
         self._texts.clear()
         self._pictures.clear()
         return self
@@ -261,7 +274,7 @@ class Clip:
         pixels = images.to(self.device).permute(0, 3, 1, 2).float()  # (N, 3, H, W), channels last
         if pixels.shape[-2:] != tuple(size):
             pixels = F.interpolate(pixels, tuple(size), mode=self._resampling, antialias=True).clamp(0, 255)
-        return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels))
+        return torch.addcmul(self._shift.to(pixels), pixels, self._scale.to(pixels)).to(self._model.dtype)
 
 
 def _fingerprint(model: torch.nn.Module, preprocessing: Preprocessing) -> str:

@@ -19,11 +19,13 @@ from gem_lite.actions import PickPlace
 from gem_lite.drawing import plot_own_table, plots
 from gem_lite.maps import places
 from gem_lite.maps.refusal import refusal
+from gem_lite.policies import robot_plan
 from gem_lite.policies.choosing import Choice
 from gem_lite.policies.gem import Gem
 from gem_lite.rgbd import png
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.rgbd.observation import CAMERAS_FILE, Observation, raw_views
+from gem_lite.rgbd.seen import unseen_in_words
 from gem_lite.simulation.world import World
 from gem_lite.tasks import Task
 
@@ -104,7 +106,13 @@ class Session:
         raw = raw_views(files[CAMERAS_FILE], CAMERAS_FILE, picture)
         self._observation = Observation(tuple(view.view() for view in raw))
         self._task, self._choice = None, None
-        return self._table("Your table. The simulator cannot act here: you see what the policy would do.")
+        seen = fuse_views(self._observation.views, self.policy.config.workspace).seen
+        about = [
+            "Your table.",
+            "The simulator cannot act here: you see what the policy would do.",
+            _sentence(unseen_in_words(seen)),
+        ]
+        return self._table(" ".join(filter(None, about)))
 
     def ask(self, sentence: str) -> Shown:
         """What the policy would do for a sentence, or why it does not.
@@ -130,7 +138,9 @@ class Session:
         action = choice.action if isinstance(choice.action, PickPlace) else None
         self._choice = choice if self._task is not None else None
         figure = plot_own_table.show_look(scene.heightmap, maps, best, action)
-        return Shown(f"Understood: {queries}. {_words(choice)}", _picture(figure))
+        elsewhere = robot_plan.plan(choice).forbidden_in_words() if action else []
+        said = [f"Understood: {queries}.", _words(choice), *map(_sentence, elsewhere)]
+        return Shown(" ".join(said), _picture(figure))
 
     def act(self) -> Shown:
         """Let the simulator carry out the last choice.
@@ -174,6 +184,10 @@ def _words(choice: Choice) -> str:
         return "It would push."
     (pick, place) = ((pose.x, pose.y, np.degrees(pose.yaw)) for pose in (action.pick, action.place))
     return "It picks at ({:.3f}, {:.3f}) m, {:.0f}°, and places at ({:.3f}, {:.3f}) m, {:.0f}°.".format(*pick, *place)
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}." if words else ""
 
 
 def _picture(figure: Figure) -> np.ndarray:

@@ -20,6 +20,8 @@ SAME_PICK = 0.02
 """Picks at most this far (m) apart take the same thing."""
 OTHER_PICK = 0.05
 """The runner-up is at least this far (m) from the pick."""
+WANTED_ELSEWHERE = 0.3
+"""A forbidden choice is told if the policy gives it this probability."""
 LARGEST_LEAD = 700.0
 """A larger difference of logits is cut, since its exponential is no number."""
 
@@ -49,6 +51,14 @@ class RobotPlan:
     seen: float
     unseen_pick: float
     unseen_place: float
+
+    def forbidden_in_words(self) -> list[str]:
+        """A sentence for the pick, and one for the place, if the policy wanted another one where no camera saw."""
+        return [
+            f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
+            for part, chance in (("pick", self.unseen_pick), ("place", self.unseen_place))
+            if chance >= WANTED_ELSEWHERE
+        ]
 
 
 def plan(choice: Choice, base_from_table: np.ndarray | None = None, tool: np.ndarray = TOOL_DOWN) -> RobotPlan:

@@ -43,10 +43,9 @@ AGREED = 0.5
 LARGEST_TILT = 8.0
 """A smaller turn (degrees) is a matter of calibration."""
 WELL_LEVEL = 1.0
-"""The pose of a view fits if the table in it is tilted by less (degrees), lies less than `LEVEL` from z = 0, and is
-seen in at least `GLIMPSE` of the workspace."""
+"""The pose of a view fits if the table in it is tilted by less (degrees), and lies less than `LEVEL` from z = 0."""
 GLIMPSE = 0.05
-"""A view whose pose fits may see as little of the workspace, as a share of its cells."""
+"""A view whose pose fits must see at least this share of the workspace's cells."""
 CALIBRATION = 0.08
 """A table that is seen farther from z = 0 (m) is no matter of calibration."""
 PRINCIPAL = (0.2, 0.8)
@@ -255,10 +254,15 @@ def check(views: Sequence[RawView], workspace: Workspace) -> list[Finding]:
         return [*findings, Finding("no depth", blind, "no pixel has a depth: the depth picture is 0 everywhere")]
     clouds = [cloud(view) for view in views]
     as_given = fit(clouds, workspace)
-    poses_fit = all(as_given.covered[number] >= GLIMPSE and _fits(clouds[number]) for number in as_given.wrong)
-    if poses_fit and as_given.agreed >= AGREED:
-        return findings
+    if all(_fits(clouds[number]) for number in as_given.wrong) and as_given.agreed >= AGREED:
+        return findings + [_elsewhere(views[n]) for n in as_given.wrong if as_given.covered[n] < GLIMPSE]
     return [*findings, _explain([view.name for view in views], clouds, as_given, workspace)]
+
+
+def _elsewhere(view: RawView) -> Finding:
+    """A camera whose pose fits looks beside the workspace."""
+    sentence = f"the pose fits the table, but nearly nothing of the rectangle is seen{rectangle_for(view)}"
+    return Finding("rectangle not seen", (view.name,), sentence)
 
 
 def _explain(names: Sequence[str], clouds: Sequence[Cloud], as_given: Fit, workspace: Workspace) -> Finding:

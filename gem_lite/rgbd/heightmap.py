@@ -139,9 +139,7 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     points = []
     for view in views:
         xyz = view.points()
-        x, y, z = np.moveaxis(xyz, -1, 0)
-        inside = workspace.contains(x, y) & (z > LOWEST) & (z < workspace.z_max)
-        inside &= view.depth > 0  # 0: not measured
+        inside = is_inside(xyz, view, workspace)
         kept.append(inside)
         points.append(xyz[inside])
     x, y, z = np.concatenate(points).T
@@ -154,6 +152,12 @@ def sort_points(views: Sequence[View], workspace: Workspace) -> SortedPoints:
     seen = (np.bincount(cell, minlength=size) > 0).reshape(workspace.shape)
     height = np.maximum(level, 0).reshape(workspace.shape).astype(np.float32)
     return SortedPoints(workspace, tuple(kept), cell, on_top, seen, fill(height, seen, workspace))
+
+
+def is_inside(points: np.ndarray, view: View, workspace: Workspace) -> np.ndarray:
+    """Which pixels of a view (H, W) were measured inside the workspace; ``points`` are the view's, (H, W, 3)."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    return workspace.contains(x, y) & (z > LOWEST) & (z < workspace.z_max) & (view.depth > 0)  # 0: not measured
 
 
 def _on_top(cell: np.ndarray, z: np.ndarray, size: int) -> np.ndarray:

@@ -137,7 +137,7 @@ class Observation:
         for number, (rgb, depth, matrix, pose) in enumerate(zip(colors, depths, intrinsics, poses, strict=True)):
             name = f"camera {number}" if names is None else names[number]
             picture, metres = np.asarray(rgb), np.asarray(depth)
-            if picture.ndim != 3 or metres.ndim != 2:
+            if picture.ndim != 3 or picture.shape[2] != 3 or metres.ndim != 2:
                 raise ValueError(
                     f"colors must be (H, W, 3) and depths (H, W), got {picture.shape} and {metres.shape} for {name!r}"
                 )

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from gem_lite.rgbd.camera import View
-from gem_lite.rgbd.heightmap import sort_points
+from gem_lite.rgbd.heightmap import is_inside, sort_points
 from gem_lite.se2 import Workspace
 
 SHADOW = 0.1
@@ -17,6 +17,8 @@ WIDE = 1.5
 """`seen_of_table` looks as far (m) along x and y from the middle of what is seen of the table."""
 FINE = 0.01
 """The side (m) of its cells."""
+WORTH_SAYING = 0.005
+"""The share of cells that no camera sees is told from here on."""
 TABLE = 0.02
 """Points at most this far (m) from z = 0 are those of the table."""
 
@@ -30,6 +32,19 @@ def seen_of_table(view: View) -> tuple[float, float, float, float] | None:
     x, y = np.median(table[:, :2], axis=0).round(2).tolist()
     wide = replace(Workspace.covering(x - WIDE, x + WIDE, y - WIDE, y + WIDE, FINE), z_max=Workspace.z_max)
     return seen_rectangle(sort_points([view], wide).seen, wide)
+
+
+def sees_nothing(view: View, workspace: Workspace) -> bool:
+    """Whether no pixel of a view was measured inside the workspace."""
+    return not is_inside(view.points(), view, workspace).any()
+
+
+def unseen_in_words(seen: np.ndarray) -> str:
+    """How much of a map (H, W) bool no camera saw, in words; "" if that is less than `WORTH_SAYING`."""
+    share = 1 - float(seen.mean())
+    if share < WORTH_SAYING:
+        return ""
+    return f"no camera sees {100 * share:.0f} % of the table: nothing is picked or placed there"
 
 
 def as_option(rectangle: tuple[float, float, float, float]) -> str:

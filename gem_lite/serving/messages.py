@@ -17,7 +17,11 @@ def pack(message: object) -> bytes:
 
 
 def unpack(content: bytes) -> object:
-    """The inverse of `pack`. Raises ValueError if the bytes are no message, or an array is damaged or of objects."""
+    """The inverse of `pack`, with read-only arrays: they are parts of the message.
+
+    Raises:
+        ValueError: the bytes are no message, or an array is damaged or of objects.
+    """
     try:
         return msgpack.unpackb(content, object_hook=_unpack_numbers, strict_map_key=False)
     except Exception as error:  # Damaged bytes can have any error.

@@ -126,7 +126,7 @@ class Environment(ABC):
         self.gray = 1.0
         self._seed = 0
         self.workspace = Workspace()
-        self.client = p.connect(p.DIRECT)
+        self._client = p.connect(p.DIRECT)
         self.bodies: list[Body] = []
         self.steps_taken = 0
         self.effector: Effector
@@ -142,10 +142,17 @@ class Environment(ABC):
 
     def close(self) -> None:
         """Disconnect the physics client. Safe to call twice."""
-        if self.client >= 0:
-            p.disconnect(self.client)
-            self.client = -1
+        if self._client >= 0:
+            p.disconnect(self._client)
+            self._client = -1
             self._task = None
+
+    @property
+    def client(self) -> int:
+        """The number of the physics client. Raises RuntimeError after `close`."""
+        if self._client < 0:
+            raise RuntimeError("the world is closed: make a new one")
+        return self._client
 
     # Episodes
 
@@ -163,8 +170,6 @@ class Environment(ABC):
 
     def begin(self, task: PlayedTask, seed: int) -> None:
         """`reset` without pictures. Raises RuntimeError after `close`."""
-        if self.client < 0:
-            raise RuntimeError("the world is closed: make a new one")
         self.workspace = task.workspace
         self._seed = seed
         self.light = self.style.lamp.draw(self.style.light, self._random(LAMP_STREAM))

@@ -65,10 +65,10 @@ def free_port():
         return one.getsockname()[1]
 
 
-def start_lab(folder, port):
+def start_lab(folder, port, sources=CELLS):
     cells = [
         {"cell_type": "code", "id": f"c{i}", "metadata": {}, "source": source, "outputs": [], "execution_count": None}
-        for i, source in enumerate(CELLS)
+        for i, source in enumerate(sources)
     ]
     kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
     notebook = {"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
@@ -101,6 +101,8 @@ def start_browser(folder):
 class Page:
     """The notebook in the browser."""
 
+    prefix = ".gem-mark"
+
     def __init__(self, browser):
         self.browser = browser
 
@@ -118,10 +120,10 @@ class Page:
             number,
         )
 
-    def action(self):
-        """What the last cell prints."""
+    def action(self, cell=2):
+        """What a cell prints."""
         time.sleep(1)  # Many marks within a moment reach the kernel one after the other.
-        self.run_cell(2)
+        self.run_cell(cell)
         time.sleep(0.5)
         return json.loads(self.browser.find_elements(By.CSS_SELECTOR, ".jp-OutputArea-output pre")[-1].text)
 
@@ -130,7 +132,7 @@ class Page:
         return self.find("canvas")
 
     def find(self, selector):
-        return self.browser.find_element(By.CSS_SELECTOR, f".gem-mark {selector}")
+        return self.browser.find_element(By.CSS_SELECTOR, f"{self.prefix} {selector}")
 
     def wait_for_hint(self, text):
         self.wait(lambda _: self.find(".hint").text == text)
@@ -234,9 +236,9 @@ def main():
     print("all marks were read back")
 
 
-def open_notebook(browser, port):
+def open_notebook(browser, port, kind=Page):
     """The page of the notebook after its first two cells."""
-    page = Page(browser)
+    page = kind(browser)
     for _ in range(100):
         with socket.socket() as one:
             if one.connect_ex(("127.0.0.1", port)) == 0:
@@ -247,7 +249,7 @@ def open_notebook(browser, port):
     browser.execute_script("window.jupyterapp.shell.collapseLeft()")
     page.run_cell(0)
     page.run_cell(1)
-    page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, ".gem-mark canvas"))
+    page.wait(lambda b: b.find_elements(By.CSS_SELECTOR, f"{page.prefix} canvas"))
     time.sleep(1)
     return page
 

@@ -1,4 +1,4 @@
-"""Open `gem-lite app` in a real browser: a sentence, an act, a refusal, an upload, a reset, two visitors.
+"""Open `gem-lite app` in a real browser: a sentence, an act, a refusal, an upload, a reset, two visitors, a telephone.
 
 It needs gradio (docs/app.txt), selenium, chromium and its driver::
 
@@ -21,6 +21,7 @@ from selenium.webdriver.support.wait import WebDriverWait
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data" / "foreign-scenes" / "workbench"
+TELEPHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
 
 
 def start_browser():
@@ -63,6 +64,14 @@ class Visitor:
         found = self.browser.find_elements(By.CSS_SELECTOR, "#picture img")
         return found[0].get_attribute("src") if found else ""
 
+    def show_on_telephone(self):
+        self.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", TELEPHONE)
+        time.sleep(1)
+        widths = "return [document.documentElement.scrollWidth, arguments[0].getBoundingClientRect().width]"
+        page, picture = self.browser.execute_script(widths, self.browser.find_element(By.CSS_SELECTOR, "#picture img"))
+        assert page <= TELEPHONE["width"], f"nothing is wider than the screen, got {page} pixels"
+        assert picture > 0.8 * TELEPHONE["width"], f"the picture is as wide as the screen, got {picture} pixels"
+
     def upload(self, files):
         tab = next(tab for tab in self.browser.find_elements(By.CSS_SELECTOR, "button[role=tab]") if "Your" in tab.text)
         tab.click()
@@ -104,6 +113,9 @@ def main():
         print(other.say("put the red block in the blue bowl", "Understood"))
         if pictures:
             other.browser.save_screenshot(str(pictures / "uploaded.png"))
+        other.show_on_telephone()
+        if pictures:
+            other.browser.save_screenshot(str(pictures / "telephone.png"))
         left = [path for path in temporary.rglob("*") if path.name in {file.name for file in SCENE.iterdir()}]
         assert not left, f"uploads are not kept: {left}"
         visitor.browser.execute_script("arguments[0].click()", visitor.browser.find_element(By.CSS_SELECTOR, "#reset"))

@@ -275,6 +275,7 @@ def start_snakemake(runs, *words):
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+@pytest.mark.release
 def test_snakemake_finds_a_way_to_all_rows_works_alone_in_a_folder_and_trains_no_lost_policy_anew(tmp_path):
     busy, lost = tmp_path / "busy", tmp_path / "lost"
     busy.mkdir()

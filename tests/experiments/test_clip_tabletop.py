@@ -35,6 +35,8 @@ from gem_lite.se2 import Workspace
 from gem_lite.simulation.bodies import objects
 from gem_lite.simulation.grips import Surfaces
 
+pytestmark = pytest.mark.release
+
 
 def test_words_that_no_caption_holds_are_not_understood_and_the_card_says_so(model):
     lists = (*vocabulary.COLORS.values(), *vocabulary.NOUNS.values(), *vocabulary.PARTS.values())

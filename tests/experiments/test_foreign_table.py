@@ -16,6 +16,8 @@ from gem_lite.cli import base
 from gem_lite.evaluation import results
 from gem_lite.policies.checkpoints import read_card
 
+pytestmark = pytest.mark.release
+
 POLICY = clip.DATA / "gem-foreign-table.safetensors"
 
 

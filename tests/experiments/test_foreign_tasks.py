@@ -24,6 +24,8 @@ from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
 
+pytestmark = pytest.mark.release
+
 PLACED = [name for name in FAMILIES if name != "separating-piles"]
 
 

@@ -19,6 +19,8 @@ from gem_lite.policies import augment, checkpoints
 from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, Workspace
 
+pytestmark = pytest.mark.release
+
 SMALL = RivalConfig(width=16, layers=1, cutout_layers=1, heads=2, dropout=0.0, steps=160, batch=4, learning_rate=3e-3)
 GRAY = np.array(colors.TABLE)
 

@@ -21,6 +21,8 @@ from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.bodies import shapes
 
+pytestmark = pytest.mark.release
+
 SEED = tasks.episode_seed("val", 900_000)
 
 

@@ -20,6 +20,8 @@ from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.world import World
 
+pytestmark = pytest.mark.release
+
 PLACEMENT, COMBINATIONS, OBJECTS = LEVELS = tuple(f"visual-manipulation-{level}" for level in LISTS)
 
 
