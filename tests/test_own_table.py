@@ -378,7 +378,7 @@ def test_check_cameras_draws_a_table_with_mistakes_if_it_can(copied, capsys, tmp
 
 def test_look_does_not_act_on_a_thing_that_is_not_there(capsys, tmp_path, multi, monkeypatch):
     monkeypatch.setattr(own_table, "load", lambda *_: multi)
-    monkeypatch.setattr(multi, "decide", None)
+    monkeypatch.setattr(multi, "decide_in", None)
     sentence = "put the banana in the blue bowl"
     assert main(["look", str(FOREIGN / "workbench"), sentence, "--out", str(tmp_path)]) == 1
     shown = capsys.readouterr()

@@ -122,7 +122,7 @@ def look(
     queries = [asked.pick, asked.place] if isinstance(asked, Queries) else [asked]
     refusals = {str(query): refusal.refusal(scene, [query], gem.source) for query in queries}
     refused = any(refusals.values())
-    choice = gem.decide(observation, asked) if isinstance(asked, Queries) and not refused else None
+    choice = gem.decide_in(scene, observation.views, asked) if isinstance(asked, Queries) and not refused else None
     action = choice.action if choice else None
     maps = {str(query): gem.maps(scene, query) for query in queries}
     parts = {f"{phrase}: {name}": getattr(maps[phrase], name) for phrase in maps for name in ("text", "image")}

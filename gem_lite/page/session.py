@@ -134,7 +134,7 @@ class Session:
         reason = refusal(scene, asked, self.policy.source)
         if reason:
             return Shown(f"Refused: {reason}.", _picture(plot_own_table.show_look(scene.heightmap, maps, best)))
-        choice = self.policy.decide(self._observation, queries)
+        choice = self.policy.decide_in(scene, self._observation.views, queries)
         action = choice.action if isinstance(choice.action, PickPlace) else None
         self._choice = choice if self._task is not None else None
         figure = plot_own_table.show_look(scene.heightmap, maps, best, action)

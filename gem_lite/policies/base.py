@@ -322,8 +322,18 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         self, observation: Observation, instruction: Instruction | Queries, empty_picks: Sequence[Pose2] = ()
     ) -> Choice:
         """As `act`, with the logits from which the action was read."""
-        chosen, (details,) = self._decide([observation], instruction, empty_picks)
-        return self.choice(**vars(chosen.first()), **details)
+        queries = self.read(instruction)  # first, since it may refuse
+        chosen, details = self._decide(
+            [self.embed(observation.views)], [observation.views], queries, instruction, empty_picks
+        )
+        return self.choice(**vars(chosen.first()), **details[0])
+
+    def decide_in(
+        self, scene: SceneT, views: Sequence[View], queries: Queries, empty_picks: Sequence[Pose2] = ()
+    ) -> Choice:
+        """As `decide`, in a scene that `embed` has made of ``views``."""
+        chosen, details = self._decide([scene], [views], queries, queries, empty_picks)
+        return self.choice(**vars(chosen.first()), **details[0])
 
     def decide_over(
         self, observations: Sequence[Observation], instruction: Instruction | Queries, empty_picks: Sequence[Pose2] = ()
@@ -336,15 +346,16 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         self.check_tables()
         if not observations:
             raise ValueError("observations is empty: there must be one for each table")
-        return self._decide(observations, instruction, empty_picks)[0]
+        queries = self.read(instruction)
+        views = [observation.views for observation in observations]
+        return self._decide([self.embed(of_table) for of_table in views], views, queries, instruction, empty_picks)[0]
 
     def _decide(
-        self, observations: Sequence[Observation], instruction: Instruction | Queries, empty_picks: Sequence[Pose2]
-    ) -> tuple[TablesChoice, Sequence[dict[str, Any]]]:
-        queries = self.read(instruction)
-        scenes = [self.embed(observation.views) for observation in observations]
+        self, scenes: Sequence[SceneT], views: Sequence[Sequence[View]], queries: Queries,
+        instruction: Instruction | Queries, empty_picks: Sequence[Pose2],
+    ) -> tuple[TablesChoice, Sequence[dict[str, Any]]]:  # fmt: skip
         inputs, details = zip(*(self.explained_inputs(scene, queries) for scene in scenes), strict=True)
-        gates = [self.gates(one.views, of, queries) for one, of in zip(observations, inputs, strict=True)]
+        gates = [self.gates(of_table, of, queries) for of_table, of in zip(views, inputs, strict=True)]
         heightmaps = [scene.heightmap for scene in scenes]
         return self.choose_over(str(instruction), queries, heightmaps, inputs, empty_picks, gates), details
 

@@ -69,9 +69,7 @@ def answer(policy: Policy, message: object) -> dict[str, Any]:
     reason = refusal(scene, [queries.pick, queries.place], policy.source) if isinstance(policy, Gem) else None
     found: dict[str, Any] = {"refusal": reason or ""}
     if not reason:
-        inputs = policy.inputs(scene, queries)
-        gates = policy.gates(observation.views, inputs, queries)
-        choice = policy.choose(sentence, queries, scene.heightmap, inputs, empty_picks, gates)
+        choice = policy.decide_in(scene, observation.views, queries, empty_picks)
         if isinstance(choice.action, Push):
             ends = (choice.action.start, choice.action.end)
             found |= {"kind": "push"}
