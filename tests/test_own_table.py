@@ -362,7 +362,10 @@ def test_check_cameras_says_what_is_wrong(copied, capsys, tmp_path, multi, monke
     for path in copied.glob("*.color.png"):
         cv2.imwrite(str(path), cv2.imread(str(path))[..., ::-1])
     assert main(arguments) == 0
-    assert "a doubt: the words fit much better with red and blue exchanged" in capsys.readouterr().out
+    assert (
+        "no other mistake found, but a doubt: the words fit much better with red and blue exchanged"
+        in capsys.readouterr().out
+    )
     (tmp_path / "out" / "table.png").unlink()
     change_cameras(copied, lambda entry: entry.update(pose=np.linalg.inv(np.array(entry["pose"])).tolist()))
     assert main(arguments) == 2
@@ -451,7 +454,9 @@ def test_look_says_what_it_sees_of_other_peoples_pictures(capsys, tmp_path, mult
     assert inside.sum() > 1000 and seen[inside].mean() > 0.9, "but for the shadows of things"
     planned = robot_plan.plan(multi.decide(Observation.load(tmp_path / "half"), "put the red mug in the red bowl"))
     for part, chance in (("pick", planned.unseen_pick), ("place", planned.unseen_place)):
-        said = f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
+        said = (
+            f"with probability {chance:.2f}, the policy wanted another {part}, where no camera sees; this is forbidden"
+        )
         assert (said in shown) == (chance >= robot_plan.WANTED_ELSEWHERE)
 
 

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 SHIPPED = DATA / "gem-multi.safetensors"
 MUCH = 0.25
 """From this share on, a rectangle of what is seen is proposed."""
-BGR = "a doubt: the words fit much better with red and blue exchanged: are the pictures BGR? They must be RGB"
+BGR = (
+    "no other mistake found, but a doubt: the words fit much better with red and blue exchanged: are the pictures BGR? "
+    "They must be RGB"
+)
 
 Folder = Annotated[Path, Parameter(help="folder with cameras.json and its pictures")]
 Out = Annotated[
@@ -83,6 +86,7 @@ def check_cameras(
 
         if places.gain_by_swapping(views, phrases, gem.source) > places.SWAP_MARGIN:
             print(BGR)
+            return
     print("no mistake found" + ("" if phrases else "; name some coloured things to check the colours, too"))
 
 
@@ -162,7 +166,8 @@ def look(
     if action is not None:
         print(action)
     if planned:
-        print(*planned.forbidden_in_words(), sep="\n")
+        for sentence in planned.forbidden_in_words():
+            print(sentence)
     for part, pose in (in_base or {}).items():
         x, y, z = (row[3] for row in pose[:3])
         print(f"{part} in the frame of the robot's base: ({x:.3f}, {y:.3f}, {z:.3f}) m")

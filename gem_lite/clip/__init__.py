@@ -102,9 +102,9 @@ class Clip:
         """Move the model to a device. Embeddings that were kept are dropped.
 
         Args:
-            dtype: of its weights; by default it stays. Half precision (``torch.float16`` on a GPU) takes half the
-                memory. Embeddings are float32 all the same, but less exact. Use one type for training and acting: a
-                checkpoint does not know it.
+            dtype: the type of its weights; by default it is not changed. Half precision (``torch.float16`` on a GPU)
+                takes half the memory. Embeddings are float32 all the same, but less exact. A checkpoint does not store
+                the type: use the same one for training and acting.
 
         Raises:
             ValueError: ``dtype`` is not one of `PRECISIONS`.

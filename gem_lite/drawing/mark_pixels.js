@@ -59,7 +59,7 @@ function buildPage(el) {
   const numbers = make(panel, "div", { class: "numbers" });
   const undo = make(panel, "button", { type: "button", class: "undo" }, "undo");
   make(panel, "small", {},
-    "Press on a point to move it. Arrow keys move the point in the lens by one pixel. Enter puts the next one into " +
+    "Drag a point to move it. Arrow keys move the point under the magnifying glass by one pixel. Enter puts the next one into " +
     "the picture's middle.");
   return { canvas, hint, lens, numbers, undo };
 }

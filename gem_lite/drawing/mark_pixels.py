@@ -15,8 +15,8 @@ from gem_lite.rgbd import png
 class MarkPixels(anywidget.AnyWidget):
     """A camera's picture, in which a person marks points with a mouse, a finger or the keys.
 
-    Each click marks a point. A press on a point moves it. A lens shows the point that was pressed last, and arrow keys
-    move this point by a pixel. The cell that shows the widget must be run before the cell that reads `numbers`.
+    Each click marks a point, and dragging moves a point. A magnifying glass shows the point that was pressed last, and
+    arrow keys move this point by a pixel. Run the cell that shows the widget before the cell that reads `numbers`.
 
     Attributes:
         count: how many points there can be.

@@ -21,7 +21,7 @@ SAME_PICK = 0.02
 OTHER_PICK = 0.05
 """The runner-up is at least this far (m) from the pick."""
 WANTED_ELSEWHERE = 0.3
-"""A forbidden choice is told if the policy gives it this probability."""
+"""A forbidden choice is reported from this probability on."""
 LARGEST_LEAD = 700.0
 """A larger difference of logits is cut, since its exponential is no number."""
 
@@ -55,7 +55,7 @@ class RobotPlan:
     def forbidden_in_words(self) -> list[str]:
         """A sentence for the pick, and one for the place, if the policy wanted another one where no camera saw."""
         return [
-            f"the policy wanted another {part}, where no camera sees, with probability {chance:.2f}: forbidden"
+            f"with probability {chance:.2f}, the policy wanted another {part}, where no camera sees; this is forbidden"
             for part, chance in (("pick", self.unseen_pick), ("place", self.unseen_place))
             if chance >= WANTED_ELSEWHERE
         ]

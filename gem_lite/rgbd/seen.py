@@ -18,7 +18,7 @@ WIDE = 1.5
 FINE = 0.01
 """The side (m) of its cells."""
 WORTH_SAYING = 0.005
-"""The share of cells that no camera sees is told from here on."""
+"""From this share of unseen cells on, the user is told."""
 TABLE = 0.02
 """Points at most this far (m) from z = 0 are those of the table."""
 

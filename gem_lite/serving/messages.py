@@ -17,7 +17,7 @@ def pack(message: object) -> bytes:
 
 
 def unpack(content: bytes) -> object:
-    """The inverse of `pack`, with read-only arrays: they are parts of the message.
+    """The inverse of `pack`. Most arrays are read-only, because they share the message's memory.
 
     Raises:
         ValueError: the bytes are no message, or an array is damaged or of objects.
