@@ -33,7 +33,7 @@ help:
 	@echo "make demo   set up what it needs, then watch a robot do what a sentence says (half a minute after the installation)"
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
-	@echo "make release  the same and the long tests, and each text that a lesson prints is compared (forty minutes)"
+	@echo "make release  the same and the long tests, and each text that a lesson prints is compared (forty minutes on two cores)"
 	@echo "make twice  set up, then run every lesson twice in one kernel (twenty minutes)"
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
@@ -87,10 +87,11 @@ lab: $(READY)
 	@echo "Opening the notebooks in JupyterLab; stop it with Ctrl-C."
 	@$(BIN)/jupyter lab --notebook-dir=notebooks $(LAB_OPTIONS)
 
-# Two files at a time, the longest first: the later lessons, and then the unit tests. One thread each, since two
-# programs on two cores would wait for each other's. A process that dies ends the run: pytest-xdist may hang otherwise.
+# As many files at a time as there are cores, up to eight; the longest first: the later lessons, and then the unit tests.
+# One thread each: more threads than cores would wait for each other. A process that dies ends the run: pytest-xdist may
+# hang otherwise.
 # JUNIT: a folder for the report that forges read.
-WORKERS ?= 2
+WORKERS ?= $(shell cores=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); [ $$cores -le 8 ] || cores=8; echo $$cores)
 LESSONS := $(shell ls -r notebooks/*.ipynb)
 # Texts that are the same on every machine have the tag nbval-check-output. All others are compared by `make release` only.
 COMPARED := --nbval-lax
