@@ -10,11 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
 import torch
 
 from gem_lite import clip
-from gem_lite.cli import APP, base, main
+from gem_lite.cli import APP, base, demo, main
 from gem_lite.clip import calibration
 from gem_lite.evaluation import collecting, results
 from gem_lite.policies import methods
@@ -386,3 +387,12 @@ def test_calibrate_writes_the_numbers_of_a_clip(tmp_path, monkeypatch, capsys):
         written = json.loads((tmp_path / "gem_lite" / f"{kind}-{fingerprint}.json").read_text())
         shipped = json.loads((clip.EMBEDDED / f"{kind}.json").read_text())
         assert written == pytest.approx(shipped, abs=0.03), "two scenes of eight"
+
+
+def test_the_demo_finds_its_result_and_its_figures_in_the_stored_lesson():
+    cells = [cell for cell in nbformat.read(demo.NOTEBOOK, as_version=4).cells if cell.cell_type == "code"]
+    (result,) = [line for cell in cells for line in demo.printed(cell) if line.startswith(demo.RESULT)]
+    assert result.endswith(": 100 of 100")
+    for tag in ("decision", "outcome"):
+        cell = next(cell for cell in cells if tag in cell.metadata.get("tags", []))
+        assert any("image/png" in output.get("data", {}) for output in cell.outputs), tag

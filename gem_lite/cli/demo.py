@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from nbformat import NotebookNode
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "00_quickstart.ipynb"
+RESULT = "score of"
+"""The line of the lesson with the result begins so."""
 
 
 def demo(*, out: Path = Path("runs/demo")) -> None:
@@ -51,7 +53,7 @@ def demo(*, out: Path = Path("runs/demo")) -> None:
         picture = next(output.data["image/png"] for output in cell.outputs if "image/png" in output.get("data", {}))
         write_atomically(out / f"{tag}.png", base64.b64decode(picture))
         print(f"The figure of its {tag}: {out / tag}.png")
-    print("\n" + next(line for cell in code for line in printed(cell) if line.startswith("outcome of")))
+    print("\n" + next(line for cell in code for line in printed(cell) if line.startswith(RESULT)))
     print("Open the series with: make lab")
 
 
