@@ -202,7 +202,7 @@ several-tables {SORTING_POLICY} --tables 0 | tables must be at least 1, got 0
 several-tables {SORTING_POLICY} --tasks object-sorting-seen bars-in-box | got 'bars-in-box'
 several-tables {BOWL_POLICY} | m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m
 clip calibrate . | the CLIP folder '.' has no configuration: config.json is missing
-results show nothing | there are no results named 'nothing'; there are: joint,
+results show nothing | there are no results named 'nothing'; there are: foreign-tasks, joint,
 results show benchmark/bars-in-box --method nobody | benchmark/bars-in-box has no such row
 results list --folder nowhere | nowhere is no folder of results
 trian | Unknown command "trian". Did you mean "train"? Available commands:
