@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "00_quickstart.ipynb"
 RESULT = "score of"
-"""The line of the lesson with the result begins so."""
+"""How the lesson's line with the result begins."""
 
 
 def demo(*, out: Path = Path("runs/demo")) -> None:

@@ -75,10 +75,12 @@ def check_cameras(
         print(f"{raw[first].name} and {raw[second].name} agree about {100 * share:.0f} % of what stands there")
     try:
         views = Observation(tuple(view.view() for view in raw)).views
-        draw({"table": plot_own_table.show_table_from_above(fuse_views(views, workspace))}, out, folder)
+        heightmap = fuse_views(views, workspace)
     except ValueError:  # With some mistakes there is nothing to draw: no camera sees the workspace, or sizes differ.
         if not mistakes:
             raise
+    else:
+        draw({"table": plot_own_table.show_table_from_above(heightmap)}, out, folder)
     if mistakes:
         raise ValueError("; ".join(mistakes))
     if gem and phrases:

@@ -34,8 +34,8 @@ The table's plane gives the height and two tilts of a pose. Each command has
 another way to say where the table's frame lies on that plane. Pixels are
 whole numbers, as viewers of pictures show them: x to the right and y down
 from the first pixel, which is 0 0. With a distortion in cameras.json, they
-are those of the picture without it (MarkPixels shows it). The pose goes into cameras.json, and a
-picture shows what it means."""
+are those of the picture without it (MarkPixels shows it). The pose goes into
+cameras.json, and a picture shows what it means."""
 BORDER = 60
 """So many points along each side of the rectangle are drawn."""
 

@@ -106,13 +106,7 @@ class Session:
         raw = raw_views(files[CAMERAS_FILE], CAMERAS_FILE, picture)
         self._observation = Observation(tuple(view.view() for view in raw))
         self._task, self._choice = None, None
-        seen = fuse_views(self._observation.views, self.policy.config.workspace).seen
-        about = [
-            "Your table.",
-            "The simulator cannot act here: you see what the policy would do.",
-            _sentence(unseen_in_words(seen)),
-        ]
-        return self._table(" ".join(filter(None, about)))
+        return self._table("Your table. The simulator cannot act here: you see what the policy would do.")
 
     def ask(self, sentence: str) -> Shown:
         """What the policy would do for a sentence, or why it does not.
@@ -166,7 +160,8 @@ class Session:
     def _table(self, text: str) -> Shown:
         assert self._observation is not None
         heightmap = fuse_views(self._observation.views, self.policy.config.workspace)
-        return Shown(text, _picture(plots.show_heightmap(heightmap)))
+        said = [text, _sentence(unseen_in_words(heightmap.seen))]
+        return Shown(" ".join(filter(None, said)), _picture(plots.show_heightmap(heightmap)))
 
 
 def check_size(files: int, size: int) -> None:
