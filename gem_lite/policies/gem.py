@@ -36,7 +36,7 @@ from gem_lite.policies.inputs import (
     to_rgbd,
 )
 from gem_lite.policies.modulated import DepthFields, ModulatedUNet
-from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet
+from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet, continue_border
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel
@@ -66,6 +66,7 @@ class ActionModule(nn.Module):
         else:
             self.encoder = UNet(*sizes) if config.encoder == "plain" else ModulatedUNet(*sizes, 1)
             self.refiner = SemanticRefiner(config.channels)
+        self.continue_border(config.continued)
         self.register_buffer("angles", torch.tensor(angle_bins(config.angles), dtype=torch.float32))
 
     @property
@@ -76,6 +77,11 @@ class ActionModule(nn.Module):
     def features(self, rgbd: torch.Tensor, semantic: torch.Tensor, words: torch.Tensor) -> torch.Tensor:
         """A ⊗ M: the encoder's features gated by the refined semantic map, (B, channels, H, W)."""
         return self.encoder(rgbd, words) * self.refiner(semantic, rgbd[:, 3:])
+
+    def continue_border(self, continued: bool) -> None:
+        """What the encoder and the refiner see beyond their pictures, see `GemConfig.continued`."""
+        for encoder in (self.encoder, self.refiner):
+            continue_border(encoder, continued)
 
     def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """The response of features to a lifted kernel (B, C, h, h): `SteerableKernel.correlate_parts`."""
@@ -170,6 +176,8 @@ class Gem(Policy[SceneEmbedding]):
     @override
     def act_as(self, config: configuration.Config) -> None:
         super().act_as(config)
+        for module in (self.pick, self.place):
+            module.continue_border(self.config.continued)
         self.__dict__.pop("source", None)  # The source has the configuration, too.
 
     @property

@@ -71,6 +71,9 @@ ABLATIONS = {
         "CLIP sees the views at three exposures, and a map is that of the surest", {"more_exposures": (1.4, 2.0)}
     ),
     "without-empty-spots": SHARED_ABLATIONS["without-empty-spots"],
+    "with-continued-border": Ablation(
+        "beyond the border of its picture, an encoder sees the border again, not zeros", {"continued": True}
+    ),
     "with-joint-choice": Ablation("pick and place are chosen together, among the 8 best picks", {"joint_picks": 8}),
 }
 """Endings of GEM's name (A.2), in the order in which a name holds several.
@@ -79,7 +82,8 @@ Not in the paper: ``with-free-kernels``, a fairer rival of the steerable kernel;
 rival of several views; ``with-part-crops``, whose sizes `experiments.clip_tabletop crop-search` chose;
 ``with-dense-map`` and ``with-region-map``, other map sources; ``keeps-own-crop``, which is what the paper's training
 does (A.3); and the endings that switch off our additions: narrow patches, recolouring, map scaling, conjuncts, location
-words, empty spots; two other encoders; and the product rule of A.1.6 over several picks."""
+words, empty spots; two other encoders; what an encoder sees beyond its picture; and the product rule of A.1.6 over
+several picks."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ class GemConfig(Config, MapConfig):
         language_in_attention: whether the attention U-Nets get the words.
         encoder: the attention U-Net: "plain" is the paper's, with words at the bottleneck; in "modulated" words scale
             and shift every level of the decoder; "steerable" does so, too, and commutes with the turns of C_8.
+        continued: whether the encoders' pictures and maps go on beyond their border as they are at the border. With
+            zeros there, the border is an edge wherever a map of the bare table is not 0.
     """
 
     INPUTS: ClassVar[type[InputConfig]] = MapConfig
@@ -118,7 +124,7 @@ class GemConfig(Config, MapConfig):
         },
     }  # fmt: skip
     ACTING: ClassVar[frozenset[str]] = Config.ACTING | {
-        "conjuncts", "locations", "more_exposures", "peak_margin", "peak_radius", "place_lead",
+        "conjuncts", "continued", "locations", "more_exposures", "peak_margin", "peak_radius", "place_lead",
     }  # fmt: skip
     ABLATIONS: ClassVar[Mapping[str, Ablation]] = {**ABLATIONS, MULTI_TASK: SHARED_ENDINGS[MULTI_TASK]}
 
@@ -140,6 +146,7 @@ class GemConfig(Config, MapConfig):
     kernels: Kernels = entry("steerable", KERNELS)
     language_in_attention: bool = entry(True, FLAG)
     encoder: Encoder = entry("plain", ENCODERS, added=True)
+    continued: bool = entry(False, FLAG, added=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,6 +154,10 @@ class GemConfig(Config, MapConfig):
         if 2 * self.frequency >= self.rotations:
             raise ValueError(
                 f"frequency must be below half of rotations, which is {self.rotations / 2:g}, got {self.frequency}"
+            )
+        if self.continued and self.encoder == "steerable":
+            raise ValueError(
+                'continued must be False with encoder "steerable", whose layers know zeros alone, got True'
             )
         if self.map_gain[0] > self.map_gain[1]:
             raise ValueError(f"map_gain must go from a smaller number to a larger one, got {self.map_gain}")

@@ -149,6 +149,13 @@ class SemanticRefiner(nn.Module):
         return self.linear(torch.cat([raw, self.encoder(height)], dim=1))
 
 
+def continue_border(module: nn.Module, continued: bool) -> None:
+    """Let a module's convolutions see the border of a picture again beyond it, if ``continued``; otherwise zeros."""
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d):
+            layer.padding_mode = "replicate" if continued else "zeros"
+
+
 class LanguageKernel(nn.Module):
     """psi(language): a small U-Net from the expanded language vector to a kernel (A.1.2).
 
