@@ -26,7 +26,7 @@ JUNIT ?=
 # The tests of `make check`: the signs, the mathematics, the maps, the parser, a policy that acts.
 CHECKED := se2 language heightmap steerable equivariance semantic_map without_simulator architecture
 
-.PHONY: help setup demo lab test release twice lint check fuzz wheel book hosted handouts graded check-python clean
+.PHONY: help setup demo lab test tests release twice lint check fuzz wheel book hosted handouts graded check-python clean
 
 help:
 	@echo "make setup  install everything into $(VENV); every other target does it by itself"
@@ -99,7 +99,11 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(COMPARED) --numprocesses=$(
   --no-loadscope-reorder --max-worker-restart=0
 
 release: COMPARED := --nbval --release
-test release: lint
+# Ruff and mypy begin at the same time as the tests: they leave a second core idle.
+test release: $(READY)
+	@$(MAKE) --no-print-directory --jobs=2 lint tests COMPARED="$(COMPARED)"
+
+tests: $(READY)
 	@echo "notebooks and unit tests, $(WORKERS) files at a time"
 	@$(PYTEST) $(if $(JUNIT),--junitxml=$(JUNIT)/report.xml) $(LESSONS) tests
 

@@ -228,6 +228,7 @@ def test_clips_dense_features_find_the_named_block(trained_on, demo_set, model):
         assert score[row, col] > score.median() + 0.2, step.instruction
 
 
+@pytest.mark.release
 def test_features_lie_where_the_picture_does(model):
     # A small spot changes the features around it; the middle of the change is the spot, to a pixel of the picture.
     def features(image):

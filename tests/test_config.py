@@ -80,6 +80,8 @@ def test_values_that_do_not_fit_each_other_are_refused():
         dataclasses.replace(LITE, rotations=16)
     with pytest.raises(ValueError, match=r"map_gain must go from a smaller number to a larger one, got \(2, 1\)"):
         dataclasses.replace(LITE, map_gain=(2, 1))
+    with pytest.raises(ValueError, match=r'continued must be False with encoder "steerable", .*, got True'):
+        dataclasses.replace(LITE, encoder="steerable", continued=True)
     with pytest.raises(ValueError, match=r"unknown entries \['PRESETS'\]"):
         Config.from_dict({"PRESETS": {}})
     assert dataclasses.replace(LITE, rectangle=(0.0, 0.9, 0.0, 0.45)).workspace.shape == (80, 144)

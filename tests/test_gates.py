@@ -91,6 +91,7 @@ def test_the_whole_thing_is_near_and_no_other():
     assert not near_peak(semantic, FLAT, EVERYWHERE, LITE)[40, 40:50].any()
 
 
+@pytest.mark.release
 def test_the_rule_allows_what_the_expert_picks_on_the_rope(multi, world):
     # Before, "near" ended within the rope: 6 of 37 of the expert's picks were forbidden.
     task = tasks.make("align-rope", "val")
@@ -205,6 +206,10 @@ def test_a_trained_policy_acts_by_other_rules_and_keeps_its_networks(multi):
     for other in ("gem-multi-without-semantic-map", "gem", "cliport-multi"):
         with pytest.raises(ValueError, match="the checkpoint holds gem-multi, not"):
             methods.acting_as(card, other)
+    own = multi.config
+    for config, beyond in ((own.ablated("with-continued-border"), "replicate"), (own, "zeros")):
+        multi.act_as(config)
+        assert multi.place.encoder.up[0].first.padding_mode == beyond
     with pytest.raises(ValueError, match="config may differ from the policy's in"):
         multi.act_as(multi.config.ablated("without-recoloring"))
     with pytest.raises(ValueError, match="config may differ from the policy's in"):

@@ -36,6 +36,23 @@ def test_features_go_on_beyond_the_table_where_a_policy_acts(kernels):
     assert torch.allclose(scores[True][:, 12:20, 12:20], scores[False][:, 12:20, 12:20], rtol=1e-3)
 
 
+@torch.no_grad()
+@pytest.mark.parametrize("encoder", ["plain", "modulated"])
+def test_with_a_continued_border_a_bare_table_has_no_edge(encoder):
+    config = dataclasses.replace(SMALL, encoder=encoder, continued=True)
+    module = disturbed(PickModule(config, D))
+    table = torch.tensor([0.0, 0.1, -0.1, 0.0])[None, :, None, None].expand(1, 4, 32, 32)
+    semantic, words = torch.full((1, 1, 32, 32), 0.2), torch.randn(1, D)
+    spread = {}
+    for continued in (True, False):
+        module.continue_border(continued)
+        features = module.features(table, semantic, words)
+        spread[continued] = float((features - features[..., 16:17, 16:17]).abs().max() / features.abs().max())
+    assert spread[True] < 1e-5 and spread[False] > 0.05
+    kernels = [layer for layer in module.kernel.modules() if isinstance(layer, torch.nn.Conv2d)]
+    assert kernels and all(layer.padding_mode == "zeros" for layer in kernels), "a kernel has no table around it"
+
+
 def test_language_reaches_the_encoder_and_the_kernel():
     one, two = torch.randn(2, 1, D)
     net, kernel = disturbed(UNet(1, 1, D, (4, 4, 4, 4))), disturbed(LanguageKernel(9, 3, D, (4, 8, 8)))

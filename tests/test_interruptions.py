@@ -186,6 +186,7 @@ def test_a_damaged_state_is_named(prepared, trained, model, tmp_path):
             train.train(Gem(SMALL, model, prepared[1]), prepared[0], seed=0, run=tmp_path)
 
 
+@pytest.mark.release
 def test_the_paper_configuration_trains_on_a_cpu(demo_set, tmp_path, capsys):
     words = ("--preset", "paper", "--episodes", 1, "--config.steps", 1, "--state", tmp_path / "run")
     code, _ = run_main(capsys, demo_set[0], tmp_path / "paper.safetensors", *words)

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pybullet as p
 import pytest
+from tiers import for_a_release
 
 from gem_lite import demonstrations, tasks
 from gem_lite.evaluation import actors, collecting, evaluate
@@ -91,7 +92,7 @@ def test_errors_are_of_what_is_seen_and_not_of_what_is_true():
     assert laid_out[0] == laid_out[1] == laid_out[2]
 
 
-@pytest.mark.parametrize("name", ["kinect", "kinect-hard"])
+@pytest.mark.parametrize("name", for_a_release(["kinect", "kinect-hard"], lambda name: name == "kinect"))
 def test_the_fused_table_is_as_far_off_as_calibrated_cameras_make_it(name):
     # Millimetres: the medians of the table's height, which is the highest point of each cell.
     medians = []
@@ -117,6 +118,7 @@ def test_the_darkest_lamp_leaves_the_table_to_every_depth_camera():
             assert gray.min() > 0.95 * AZURE_HARD.blind_below
 
 
+@pytest.mark.release
 def test_a_demonstration_is_what_a_policy_would_see_and_loads_equal(tmp_path):
     (loaded,) = collecting.collect(TASK, 1, tmp_path / "kinect", world="kinect")
     assert loaded.world == "kinect" and sum(step.reward for step in loaded.steps) > 0.99
@@ -144,6 +146,7 @@ def test_a_lamp_that_differs_lights_the_stored_floor_too():
         assert world.light != style.light
 
 
+@pytest.mark.release
 def test_each_of_several_tables_has_cameras_of_its_own():
     task = tasks.make("object-sorting-seen", "val")
     with MobileWorld(side_by_side(2), style=KINECT) as world:

@@ -70,6 +70,7 @@ def test_the_number_of_folders_must_fit_the_method(folders, tmp_path):
     assert not (tmp_path / "a.safetensors").exists()
 
 
+@pytest.mark.release
 def test_tasks_have_equally_many_demonstrations_in_any_number_of_folders(folders, tmp_path):
     bowl, packing = folders
     worlds = [tmp_path / "varied", tmp_path / "home"]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from damages import change_cameras
 from scipy.spatial.transform import Rotation
+from tiers import for_a_release
 
 from gem_lite import clip
 from gem_lite.cli import main, own_table
@@ -174,7 +175,7 @@ def test_right_cameras_give_no_warning(scene):
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", for_a_release(SCENES, lambda scene: scene not in ("desk", "kitchen")))
 def test_a_mistake_of_all_cameras_or_of_one_is_named(scene, mistake):
     views = read_raw(FOREIGN / scene)
     for make in MISTAKES[mistake]:
@@ -319,14 +320,14 @@ def test_a_level_table_is_never_called_turned():
     assert camera_check.check([tilted(3)(flat_table(0.9))], WORKSPACE) == [], "it lies within 13 mm of z = 0"
 
 
-@pytest.mark.parametrize("scene", ["desk", "workshop"])
+@pytest.mark.parametrize("scene", for_a_release(["desk", "workshop"], lambda scene: scene == "desk"))
 def test_pictures_that_were_read_as_bgr_are_found(scene, multi):
     views = Observation.load(FOREIGN / scene).views
     gain = places.gain_by_swapping(views, tuple(things(scene))[:3], multi.source)
     assert -gain > places.SWAP_MARGIN, "as they are, the words fit better: exchanged, they are found"
 
 
-@pytest.mark.parametrize(("scene", "sentences"), SENTENCES.items())
+@pytest.mark.parametrize(("scene", "sentences"), for_a_release(SENTENCES.items(), lambda pair: pair[0] != "desk"))
 def test_nothing_is_picked_or_placed_where_no_camera_saw(scene, sentences, multi):
     views = Observation.load(FOREIGN / scene).views
     for view in views:

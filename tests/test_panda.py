@@ -162,7 +162,7 @@ def test_the_arm_is_no_robots_tool():
     [
         ("panda", "put-block-in-bowl-seen-colors"),
         ("panda", "bars-in-box"),
-        ("real-table-panda", "block-stacking-pyramid-seen"),
+        pytest.param("real-table-panda", "block-stacking-pyramid-seen", marks=pytest.mark.release),
     ],
 )
 def test_an_expert_plays_an_episode_with_the_arm(no_pictures, style, name):

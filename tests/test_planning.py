@@ -7,7 +7,7 @@ import pytest
 
 from experiments.planning import nouns
 from experiments.planning.scenes import KINDS, MEMBERS
-from gem_lite.language import Queries, Spot
+from gem_lite.language import Queries, Spot, models
 from gem_lite.maps import refusal, relations, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
@@ -81,6 +81,30 @@ def test_a_name_belongs_to_itself_and_a_kind_is_no_rival_of_its_longer_name(monk
     assert belongs(["brush"], "brushes") == [True]
     assert Belonging(Model({}), ("kitchen utensils",)).margins(["fork"], "utensils").tolist() == [np.inf]
     assert belongs.margins([], "toys").shape == (0,)
+
+
+@pytest.mark.release
+def test_the_written_zeros_are_those_of_the_small_model():
+    found = belonging.scores(models.load(), belonging.NOUNS, belonging.KINDS).mean(axis=0)
+    assert list(belonging.ZEROS[models.SMALL].values()) == pytest.approx(found, abs=0.01)
+    assert tuple(belonging.ZEROS[models.SMALL]) == belonging.KINDS
+
+
+def test_of_the_small_model_only_other_kinds_have_zeros_to_compute(monkeypatch):
+    asked = []
+
+    def scores(model, names, kinds):
+        asked.append((len(names), kinds))
+        return np.zeros((len(names), len(kinds)))
+
+    monkeypatch.setattr(belonging, "scores", scores)
+    small = Model({})
+    small.name = models.SMALL
+    belongs = Belonging(small, ("tools", "animals"))
+    assert belongs.margins(["hammer"], "tools") == pytest.approx([9.4204 - 9.7310])
+    belongs.margins(["hammer"], "boxes")
+    everything = ("animals", "boxes", "tools")
+    assert asked == [(1, ("animals", "tools")), (len(belonging.NOUNS), ("boxes",)), (1, everything)]
 
 
 # Goals --------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from tiers import for_a_release
 
 from gem_lite import clip, tasks
 from gem_lite.language import ImageQuery
@@ -223,7 +224,10 @@ ONE_OF_EACH = {tasks.family(name): name for name in tasks.names()}
 del ONE_OF_EACH["block-stacking-pyramid"]
 
 
-@pytest.mark.parametrize("name", ONE_OF_EACH.values())
+ALWAYS = ("put-block-in-bowl", "assembling-kits-seq", "towers-of-hanoi-seq", "separating-piles", "align-rope")
+
+
+@pytest.mark.parametrize("name", for_a_release(ONE_OF_EACH.values(), lambda name: tasks.family(name) not in ALWAYS))
 def test_no_task_is_refused_its_own_sentence_in_its_own_scene(name, multi, world):
     task = tasks.make(name, "val")
     (observation,) = world.reset(task, tasks.episode_seed("val", 11))

@@ -181,6 +181,7 @@ def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set,
     assert max(path.stat().st_size for path in tmp_path.rglob("step-*")) < 333_000
 
 
+@pytest.mark.release
 def test_only_a_memory_of_all_tasks_makes_other_steps(demo_set, model, tmp_path):
     demos = demonstrations.load(demo_set[0])
     sets = [demos[:1], demos[1:]]

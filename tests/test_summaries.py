@@ -141,6 +141,7 @@ def truth(chances, parts):
     return 100 * np.mean([chance + (1 - chance) * (parts - 1) / (2 * parts) for chance in chances.values()])
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("chances", "worse", "parts", "shared"),
     [(CEILING, None, 1, 0.0), (CEILING, None, 1, 0.86), (CEILING, None, 5, 0.86), (MIXED, None, 5, 0.86),

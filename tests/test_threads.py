@@ -41,6 +41,7 @@ def test_threads_of_workers_wait_asleep(tmp_path):
     assert what_openmp_reads([str(tmp_path / "program.py")])["OMP_WAIT_POLICY"] == "PASSIVE"
 
 
+@pytest.mark.release
 def test_who_says_otherwise_is_heard():
     assert what_openmp_reads(("-c", LOAD), OMP_WAIT_POLICY="active")["OMP_WAIT_POLICY"] == "ACTIVE"
     assert what_openmp_reads(("-c", LOAD), GOMP_SPINCOUNT="1000")["GOMP_SPINCOUNT"] == "1000"

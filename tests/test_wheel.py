@@ -140,6 +140,7 @@ def run(program, folders, home):
     return done.stdout.splitlines()
 
 
+@pytest.mark.release
 def test_an_installed_wheel_with_the_core_group_alone_acts_in_another_folder(installed, tmp_path):
     core = tmp_path / "core"
     core.mkdir()

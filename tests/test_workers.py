@@ -30,6 +30,7 @@ def run_and_be_killed(job):
     return [Episode(index, 1.0, 1, ()) for index in job.indices]
 
 
+@pytest.mark.release
 def test_processes_know_tasks_and_worlds_from_outside_and_outcomes_come_in_the_order_of_the_jobs(monkeypatch):
     import toys  # noqa: F401
 
@@ -44,6 +45,7 @@ def test_a_killed_process_ends_the_work(capsys):
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.release
 def test_an_evaluation_whose_process_is_killed_files_no_row_and_prints_what_was_complete(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(evaluate, "run_job", run_and_be_killed)
     path = tmp_path / "rows.jsonl"

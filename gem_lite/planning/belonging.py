@@ -7,12 +7,13 @@ of toys:" a train is likelier than after "Examples of things:" (`list_score`), a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gem_lite import language
+from gem_lite.language import models
 from gem_lite.language.models import Scorer
 
 KINDS = ("animals", "food", "toys", "tools", "kitchen utensils")
@@ -25,6 +26,12 @@ NOUNS = (
     "plate", "pot", "colander", "can opener", "chopsticks", "pepper mill", "strainer", "potato masher",
 )  # fmt: skip
 """Common nouns of all `KINDS`. A kind's mean score over them is its zero: some kinds are likelier words than others."""
+ZEROS: Mapping[str, Mapping[str, float]] = {
+    models.SMALL: {
+        "animals": -9.7310, "food": -7.8871, "toys": -7.6465, "tools": -9.4204, "kitchen utensils": -12.4765,
+    }
+}  # fmt: skip
+"""By a model's name: the zeros of kinds, which would take half a minute to compute. `scores` gave them, to 0.0001."""
 LISTS = ("Examples of {}:", "I like {} such as", "There are many {}, for example")
 SENTENCES = ("{} is a kind of", "{} is a type of", "A good example: {} is a")
 ANYTHING = "things"
@@ -93,8 +100,11 @@ class Belonging:
     model: Scorer
     kinds: Sequence[str] = KINDS
     lowest_margin: float = LOWEST_MARGIN
-    _zeros: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False)
+    _zeros: dict[str, float] = field(init=False, repr=False)
     _scores: dict[tuple[str, tuple[str, ...]], np.ndarray] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self._zeros = dict(ZEROS.get(getattr(self.model, "name", ""), {}))
 
     def __call__(self, names: Sequence[str], kind: str) -> list[bool]:
         """Whether each name belongs to a kind. "mug" belongs to "mug" and to "mugs", whatever the model says."""
@@ -112,11 +122,12 @@ class Belonging:
             return np.zeros(0)
         others = {other for other in self.kinds if other.split()[-1] != kind.split()[-1]}
         compared = tuple(sorted({kind} | others))
-        if compared not in self._zeros:
-            self._zeros[compared] = scores(self.model, NOUNS, compared).mean(axis=0)
+        unknown = tuple(other for other in compared if other not in self._zeros)
+        if unknown:
+            self._zeros.update(zip(unknown, scores(self.model, NOUNS, unknown).mean(axis=0), strict=True))
         new = [name for name in dict.fromkeys(names) if (name, compared) not in self._scores]
         if new:
-            found = scores(self.model, new, compared) - self._zeros[compared]
+            found = scores(self.model, new, compared) - [self._zeros[other] for other in compared]
             self._scores.update({(name, compared): row for name, row in zip(new, found, strict=True)})
         rows = np.array([self._scores[name, compared] for name in names])  # (N, kinds)
         asked = compared.index(kind)

@@ -76,6 +76,7 @@ def test_the_cells_besides_define_nothing_that_the_program_needs():
     compile(program(), LESSON.stem, "exec")
 
 
+@pytest.mark.release
 def test_it_trains_two_steps_and_plays_an_episode(capsys):
     assert base.run(APP, ["--steps", "2", "--episodes", "1", "--demos", "1"]) == 0
     cost, losses, score = capsys.readouterr().out.splitlines()
