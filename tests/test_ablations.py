@@ -8,6 +8,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 from small import SMALL, disturbed, weights
+from tiers import for_a_release
 
 from gem_lite.maps import query_maps, semantic_map, sources
 from gem_lite.maps.crop_memory import CropEntry, CropMemory
@@ -32,6 +33,11 @@ INPUTS_DIFFER = WORDS_DIFFER | {
     "with-part-crops", "with-dense-map", "with-region-map",
 }  # fmt: skip
 """Ablations that change what the networks see."""
+ALWAYS = {
+    "without-semantic-map", "with-single-view", "without-steerable-kernel", "without-image-map", "without-parsing",
+    "without-language-in-attention", "with-continued-border", "with-modulated-encoder",
+}  # fmt: skip
+"""Ablations that `make test` takes; `make release` takes all."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -110,7 +116,7 @@ def test_a_digest_stands_for_every_entry_and_a_missing_one_has_its_default():
     assert GemConfig.from_dict(old) == LITE
 
 
-@pytest.mark.parametrize("ending", ABLATIONS)
+@pytest.mark.parametrize("ending", for_a_release(ABLATIONS, lambda ending: ending not in ALWAYS))
 def test_an_ablation_changes_its_part_alone_and_trains_acts_and_comes_back(ending, whole, model, demos, tmp_path):
     reference, steps = whole
     policy = Gem(SMALL.ablated(ending), model)

@@ -375,6 +375,7 @@ def test_rows_of_experiments_are_listed_and_shown(name, capsys):
         assert capsys.readouterr().out.count("\n") == len(results.read_rows(path))
 
 
+@pytest.mark.release
 def test_calibrate_writes_the_numbers_of_a_clip(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(calibration, "DATA", tmp_path)  # So that the embedded CLIP's own file stays as it is.

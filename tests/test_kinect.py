@@ -66,6 +66,7 @@ def test_cameras_stand_farther_from_a_longer_table():
     assert top.position == pytest.approx((0.5, 0.0, 1.35)) and left.position[2] == pytest.approx(0.75 * 1.5)
 
 
+@pytest.mark.release
 def test_an_episode_is_the_same_from_its_seed_and_no_other():
     with World(style=KINECT_HARD) as world, World(style=KINECT_HARD) as fresh:
         first, other, again = begun(world, 0), begun(world, 1), begun(world, 0)
@@ -105,6 +106,7 @@ def test_the_fused_table_is_as_far_off_as_calibrated_cameras_make_it(name):
     assert low < np.mean(medians) < high
 
 
+@pytest.mark.release
 def test_the_darkest_lamp_leaves_the_table_to_every_depth_camera():
     corners = itertools.product((-1.0, 1.0), repeat=2)
     with World(style=PERFECT) as world:

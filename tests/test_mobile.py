@@ -271,6 +271,7 @@ def test_localisation_is_good_over_the_whole_table(world):
     assert np.percentile(away, 95) <= 0.012
 
 
+@pytest.mark.release
 def test_camera_noise_and_a_wrong_calibration_show():
     with MobileWorld(TABLES, replace(STILL, camera_noise=25.0)) as noisy:
         noisy.reset(Blocks(), 3)

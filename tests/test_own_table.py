@@ -400,6 +400,7 @@ def test_look_names_a_camera_that_sees_nothing_of_the_rectangle(capsys, tmp_path
     assert capsys.readouterr().out.count("sees nothing of the rectangle") == 1
 
 
+@pytest.mark.release
 def test_another_rectangle_of_the_table_is_looked_at(capsys, tmp_path):
     words = [str(FOREIGN / "workbench"), "--out", str(tmp_path), "--rectangle", "0.2", "0.72", "-0.3", "0.5"]
     assert main(["check-cameras", *words]) == 0

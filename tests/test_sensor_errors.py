@@ -90,6 +90,7 @@ def test_a_flat_wall_is_as_rough_as_sources_say_of_each_camera(errors, camera, r
         assert wanted / 2 < 1000 * np.sqrt(np.mean(squares)) < 2 * wanted
 
 
+@pytest.mark.release
 def test_averaging_frames_of_time_of_flight_leaves_the_warp_and_the_bias():
     mean = wall(1.0, AZURE, frames=30, camera=TOP)
     (unit,) = draw_units(observed(1.0, TOP), AZURE, np.random.default_rng(0))

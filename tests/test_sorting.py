@@ -99,6 +99,7 @@ def test_what_cannot_stand_has_fallen_before_anyone_looks(world, index):
     assert all(distance(world.pose(body)[0], old) < 0.015 for body, old in before.items())
 
 
+@pytest.mark.release
 def test_every_condition_acts_on_one_choice_from_the_same_start(world, policy, monkeypatch):
     looks, acts = [], []
     observe, step = MobileWorld.observe, MobileWorld.step

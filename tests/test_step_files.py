@@ -166,6 +166,7 @@ def test_no_more_episodes_and_steps_are_alive_than_one_needs(demo_set, model, tm
     assert not any(reference() for reference in drawn)
 
 
+@pytest.mark.release
 def test_trainings_that_differ_after_the_preparation_share_their_steps(demo_set, model, tmp_path):
     demos = demonstrations.load(demo_set[0])[:1]
 
