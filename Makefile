@@ -34,7 +34,7 @@ help:
 	@echo "make lab    set up, then open the notebooks in JupyterLab"
 	@echo "make test   set up, then run ruff, mypy, the unit tests and every notebook"
 	@echo "make release  the same and the long tests, and each text that a lesson prints is compared (forty minutes on two cores)"
-	@echo "make twice  set up, then run every lesson twice in one kernel (twenty minutes)"
+	@echo "make twice  set up, then run every lesson twice in one kernel (forty minutes)"
 	@echo "make check  set up, then run ruff, mypy, the import contracts and the tests that matter most (for every save)"
 	@echo "make fuzz   set up, then try ten thousand damaged files and a hundred thousand sentences (ten minutes)"
 	@echo "make wheel  set up, then build the package with its models into dist/"

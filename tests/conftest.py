@@ -149,30 +149,26 @@ def jobs_here(monkeypatch):
     monkeypatch.setattr(workers, "run_jobs", lambda run, jobs, *_, **__: [one for job in jobs for one in run(job)])
 
 
-SHORT_LESSONS = ("00", "01")
-"""The lessons that every test run runs twice. A second run of the others takes minutes: ``--all-lessons-twice``."""
-
-
 def pytest_addoption(parser):
-    parser.addoption("--all-lessons-twice", action="store_true", help="run the long lessons twice, too")
+    parser.addoption("--all-lessons-twice", action="store_true", help="run each lesson twice in one kernel")
     parser.addoption("--release", action="store_true", help="run the long tests, too, which have the mark release")
 
 
 def pytest_collection_modifyitems(config, items):
-    """Without ``--release``, the long tests are left out. Lessons run twice in one kernel."""
+    """Without ``--release``, the long tests are left out."""
     if not config.getoption("release"):
         left_out = [item for item in items if item.get_closest_marker("release")]
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
-    _run_twice(config, items)
+    if config.getoption("all_lessons_twice"):
+        _run_twice(items)
 
 
-def _run_twice(config, items):
-    """As with *Run All* twice: a second item for each cell of the lessons that run twice."""
-    all_twice = config.getoption("all_lessons_twice")
+def _run_twice(items):
+    """As with *Run All* twice: a second item for each cell of the lessons."""
     again = {}
     for item in items:
-        if isinstance(item, IPyNbCell) and (all_twice or item.path.name[:2] in SHORT_LESSONS):
+        if isinstance(item, IPyNbCell):
             name = item.name.replace("Cell", "Second run, cell")
             cell = copy.deepcopy(item.cell)  # nbval joins the stored outputs of a cell in place
             second = IPyNbCell.from_parent(
