@@ -55,25 +55,30 @@ def measure(
     playing.measure(checkpoint, family, episodes, split, ending, results.output(False, out, "foreign-tasks"))
 
 
-def acts(checkpoint: Path, family: str, /, *, episodes: int = 10, split: Split = "val", ending: Endings = ()) -> None:
-    """Ask a policy at every step of an expert's episodes, in both simulators, and print what is right of its acts.
+def acts(
+    checkpoint: Path, family: str, /, *, also: tuple[Path, ...] = (), episodes: int = 10, split: Split = "val",
+    ending: Endings = (),
+) -> None:  # fmt: skip
+    """Ask policies at every step of an expert's episodes, in both simulators, and print what is right of their acts.
 
     Args:
-        checkpoint: checkpoint of the policy: a gem policy
+        checkpoint: checkpoint of a policy: a gem policy
         family: assembling-kits, stack-block-pyramid, towers-of-hanoi or separating-piles
+        also: checkpoint of another gem policy, which is asked at the same steps (repeatable)
         episodes: number of episodes
         split: of the episodes
-        ending: as in measure
+        ending: as in measure; each policy is asked without it and with it
 
     Examples:
       python -m experiments.foreign_tasks acts data/gem-multi.safetensors assembling-kits
+      python -m experiments.foreign_tasks acts data/gem-multi.safetensors separating-piles --ending with-place-peak
     """
     import torch
 
     from experiments.foreign_tasks import single_acts
 
     torch.set_num_threads(1)
-    single_acts.report(checkpoint, family, episodes, split, ending)
+    single_acts.report((checkpoint, *also), family, episodes, split, ending)
 
 
 def draw(folder: Path, /) -> None:

@@ -1,7 +1,7 @@
-"""Where do acts go wrong? A policy is asked at every step of an expert's episode, here and in our simulator.
+"""Where do acts go wrong? Policies are asked at every step of an expert's episode, here and in our simulator.
 
-The expert acts, so that no step suffers from an error before it. The true poses score the policy's acts; the policy
-sees the cameras' pictures and the sentence.
+The expert acts, so that no step suffers from an error before it, and all policies are asked about the same scenes. The
+true poses score their acts; they see the cameras' pictures and the sentence.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -19,6 +20,7 @@ from experiments.foreign_tasks import families, playing
 from experiments.foreign_tasks.table import TaskTable
 from gem_lite import tasks
 from gem_lite.actions import Push
+from gem_lite.config import InputConfig
 from gem_lite.policies.base import Policy
 from gem_lite.policies.gem import GemChoice
 from gem_lite.rgbd.observation import Observation
@@ -82,13 +84,23 @@ def score(environment: Environment | TaskTable, goal: Goal, choice: GemChoice) -
     return ActScore(thing, peak < REACH, near < REACH, exact)
 
 
-def ask(policy: Policy, observation: Observation, task: Task, environment: Environment | TaskTable) -> ActScore:
-    """The score of what a policy would do now."""
+def ask(
+    policies: Sequence[Policy], observation: Observation, task: Task, environment: Environment | TaskTable
+) -> list[ActScore]:  # fmt: skip
+    """The score of what each policy would do now. Policies that look in the same way share what CLIP computes."""
     goal = next(goal for goal in task.goals if goal.sentence == task.instruction)
-    return score(environment, goal, policy.decide(observation, task.instruction))
+    scenes: dict[InputConfig, Any] = {}
+    scores = []
+    for policy in policies:
+        looks = policy.config.inputs
+        if looks not in scenes:
+            scenes[looks] = policy.embed(observation.views)
+        choice = policy.decide_in(scenes[looks], observation.views, policy.read(task.instruction))
+        scores.append(score(environment, goal, choice))
+    return scores
 
 
-def foreign_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterator[ActScore]:
+def foreign_acts(family: str, policies: Sequence[Policy], episodes: int, split: Split) -> Iterator[list[ActScore]]:
     """The scores at all steps of an expert's first episodes of a split, on the table of another simulator."""
     task = playing.make(family, split)
     with TaskTable() as table:
@@ -98,12 +110,12 @@ def foreign_acts(family: str, policy: Policy, episodes: int, split: Split) -> It
                 expert = task.expert(table)
                 if expert is None:
                     break
-                yield ask(policy, measuring.seen(table), task, table)
+                yield ask(policies, measuring.seen(table), task, table)
                 table.act(expert.action)
                 task.advance(table)
 
 
-def our_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterator[ActScore]:
+def our_acts(family: str, policies: Sequence[Policy], episodes: int, split: Split) -> Iterator[list[ActScore]]:
     """As `foreign_acts`, of the same family in our simulator."""
     task = tasks.make(OUR_TASKS[family], split)
     with World() as world:
@@ -113,17 +125,28 @@ def our_acts(family: str, policy: Policy, episodes: int, split: Split) -> Iterat
                 expert = task.expert(world)
                 if expert is None:
                     break
-                yield ask(policy, observations[0], task, world)
+                yield ask(policies, observations[0], task, world)
                 observations = world.step(expert.action).observations
 
 
-def report(checkpoint: Path, family: str, episodes: int, split: Split, endings: Sequence[str]) -> None:
-    """Print how many acts are right, in both simulators."""
+def asked(checkpoints: Sequence[Path], endings: Sequence[str]) -> dict[str, Policy]:
+    """The policies of checkpoints by the names of their files; with endings, each once more by these rules."""
+    policies = {}
+    for path in checkpoints:
+        policies[path.stem] = playing.load(path, ())
+        if endings:
+            policies["-".join([path.stem, *endings])] = playing.load(path, endings)
+    return policies
+
+
+def report(checkpoints: Sequence[Path], family: str, episodes: int, split: Split, endings: Sequence[str]) -> None:
+    """Print how many acts of each policy are right, in both simulators."""
     playing.make(family, split)
     measuring.check_count("episodes", episodes)
-    policy = playing.load(checkpoint, endings)
-    for name, acts in (("MuJoCo", foreign_acts), ("ours", our_acts)):
-        scores = [astuple(act) for act in tqdm(acts(family, policy, episodes, split), name, unit="act")]
-        shares = 100 * np.mean(scores, axis=0)
-        parts = ", ".join(f"{part.name} {share:.0f}" for part, share in zip(fields(ActScore), shares, strict=True))
-        print(f"{policy.name}, {family}, {name}, {len(scores)} acts: {parts}")
+    policies = asked(checkpoints, endings)
+    for simulator, acts in (("MuJoCo", foreign_acts), ("ours", our_acts)):
+        made = tqdm(acts(family, list(policies.values()), episodes, split), simulator, unit="act")
+        scores = np.array([[astuple(act) for act in of_step] for of_step in made])  # (acts, policies, parts)
+        for name, shares in zip(policies, 100 * scores.mean(axis=0), strict=True):
+            parts = ", ".join(f"{part.name} {share:.0f}" for part, share in zip(fields(ActScore), shares, strict=True))
+            print(f"{name}, {family}, {simulator}, {len(scores)} acts: {parts}")

@@ -7,10 +7,13 @@ import pytest
 
 pytest.importorskip("foreign_world")
 
+from experiments.foreign_table import measuring
 from experiments.foreign_tasks import playing, single_acts
 from experiments.foreign_tasks.table import TaskTable
 from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
+from gem_lite.clip import DATA
+from gem_lite.policies.gem import Gem
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.world import World
 from gem_lite.tasks.goals import target_pose
@@ -58,3 +61,25 @@ def test_a_push_is_right_if_it_ends_in_the_named_square():
         assert scored(table, task, push, push.end) == list(MEANT)
         back = Push(push.start, Pose2(2 * push.start.x - push.end.x, 2 * push.start.y - push.end.y))
         assert scored(table, task, back, push.start) == ["thing"]
+
+
+@pytest.mark.release
+def test_policies_that_look_in_the_same_way_are_asked_about_one_embedding(monkeypatch):
+    policies = single_acts.asked([DATA / "gem-multi.safetensors"], ["with-continued-border"])
+    assert list(policies) == ["gem-multi", "gem-multi-with-continued-border"]
+    plain, continued = policies.values()
+    assert (plain.config.continued, continued.config.continued) == (False, True)
+    embedded, embed = [], Gem.embed
+    monkeypatch.setattr(Gem, "embed", lambda policy, views: embedded.append(policy) or embed(policy, views))
+    task = playing.make("assembling-kits", "val")
+    with TaskTable() as table:
+        table.begin(task, playing.SEEDS["val"][0])
+        seen = measuring.seen(table)
+        both = single_acts.ask([plain, continued], seen, task, table)
+        assert embedded == [plain]
+        choice = plain.decide(seen, task.instruction)
+        assert both[0] == single_acts.score(table, task.goals[0], choice)
+        bracketed = single_acts.asked([DATA / "gem-multi.safetensors"], ["with-bracketing"])
+        embedded.clear()
+        single_acts.ask(list(bracketed.values()), seen, task, table)
+        assert len(embedded) == 2, "other exposures"
