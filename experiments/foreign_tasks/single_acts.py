@@ -40,6 +40,8 @@ THING_REACH = 0.04
 REACH, SQUARE_REACH = 0.03, 0.07
 """A place, or a map's peak, at most this far (m) from a target is meant for it; the second is for the piles' squares,
 whose outline is bright on the map."""
+AT_BORDER = 0.03
+"""What ends at most this far (m) from the table's border ends at the border."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,14 @@ class ActScore:
         map_peak: the highest value of the place's semantic map is at the right target.
         target: the place is meant for the right target.
         exact: the thing would come to lie within the task's tolerances, if it moved as the tool does.
+        border: the place, or the push, ends at the table's border.
     """
 
     thing: bool
     map_peak: bool
     target: bool
     exact: bool
+    border: bool
 
 
 def distance(first: Pose2, second: Pose2) -> float:
@@ -69,11 +73,15 @@ def score(environment: Environment | TaskTable, goal: Goal, choice: GemChoice) -
     body, target = goal.next_move(environment)
     goal_pose = target_pose(environment, target)
     row, column = np.unravel_index(int(choice.place_map.argmax()), choice.place_map.shape)
-    peak = distance(Pose2(*choice.heightmap.workspace.to_world(row, column)), goal_pose)
+    workspace = choice.heightmap.workspace
+    peak = distance(Pose2(*workspace.to_world(row, column)), goal_pose)
+    end = choice.action.end if isinstance(choice.action, Push) else choice.action.place
+    sides = (end.x - workspace.x_min, workspace.x_max - end.x, end.y - workspace.y_min, workspace.y_max - end.y)
+    border = min(sides) <= AT_BORDER
     if isinstance(choice.action, Push):
         nearest = min(distance(choice.action.start, environment.pose(cube)[0]) for cube in goal.bodies)
-        in_square = distance(choice.action.end, goal_pose) < SQUARE_REACH
-        return ActScore(nearest < THING_REACH, peak < SQUARE_REACH, in_square, in_square)
+        in_square = distance(end, goal_pose) < SQUARE_REACH
+        return ActScore(nearest < THING_REACH, peak < SQUARE_REACH, in_square, in_square, border)
     body_pose = environment.pose(body)[0]
     moved = choice.action.place @ choice.action.pick.inverse() @ body_pose
     offset = goal_pose.inverse() @ moved
@@ -81,7 +89,7 @@ def score(environment: Environment | TaskTable, goal: Goal, choice: GemChoice) -
     near = math.hypot(offset.x, offset.y)
     turned = angle_off(offset.yaw, goal.metric.symmetry)
     exact = thing and near < families.TOLERANCE and turned < families.YAW_TOLERANCE
-    return ActScore(thing, peak < REACH, near < REACH, exact)
+    return ActScore(thing, peak < REACH, near < REACH, exact, border)
 
 
 def ask(

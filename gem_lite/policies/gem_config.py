@@ -112,7 +112,7 @@ class GemConfig(Config, MapConfig):
         encoder: the attention U-Net: "plain" is the paper's, with words at the bottleneck; in "modulated" words scale
             and shift every level of the decoder; "steerable" does so, too, and commutes with the turns of C_8.
         continued: whether the encoders' pictures and maps go on beyond their border as they are at the border. With
-            zeros there, the border is an edge wherever a map of the bare table is not 0.
+            zeros there, a bare table has other features at its border than in its middle.
     """
 
     INPUTS: ClassVar[type[InputConfig]] = MapConfig

@@ -75,3 +75,17 @@ def show_errors(panels: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> Figure:
         bare(column[1], f"{title}: from above").imshow(picture)
     fig.colorbar(image, ax=axes[0], shrink=0.8, label="metres (white: none)")
     return fig
+
+
+def show_bare_table(features: Mapping[str, np.ndarray]) -> Figure:
+    """One feature of a bare table, from above, in one scale of colours.
+
+    Args:
+        features: (H, W) each, by title.
+    """
+    values = np.concatenate([feature.ravel() for feature in features.values()])
+    fig, axes = plt.subplots(1, len(features), figsize=(1.9 * len(features) + 1.2, 3.4), layout="constrained")
+    for ax, (title, feature) in zip(axes, features.items(), strict=True):
+        image = bare(ax, title).imshow(feature, cmap="viridis", vmin=values.min(), vmax=values.max())
+    fig.colorbar(image, ax=axes, label="feature", shrink=0.8)
+    return fig

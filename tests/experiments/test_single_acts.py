@@ -21,14 +21,19 @@ from gem_lite.tasks.goals import target_pose
 MEANT = ("thing", "map_peak", "target", "exact")
 
 
-def scored(environment, task, action, peak):
-    """The parts of the score that are right of an action, with a place map whose highest cell is at ``peak``."""
+def score_of(environment, task, action, peak):
+    """The score of an action, with a place map whose highest cell is at ``peak``."""
     workspace = Workspace()
     place_map = np.zeros(workspace.shape, np.float32)
     row, column = np.round(workspace.to_pixel(peak.x, peak.y)).astype(int)
     place_map[row, column] = 1.0
     choice = SimpleNamespace(action=action, place_map=place_map, heightmap=SimpleNamespace(workspace=workspace))
-    score = single_acts.score(environment, task.goals[0], choice)
+    return single_acts.score(environment, task.goals[0], choice)
+
+
+def scored(environment, task, action, peak):
+    """The parts of the score that are right of an action."""
+    score = score_of(environment, task, action, peak)
     return [name for name in MEANT if getattr(score, name)]
 
 
@@ -49,6 +54,9 @@ def test_the_experts_act_is_right_and_others_are_not(family, foreign):
         assert scored(environment, task, beside, target) == ["thing", "map_peak", "target"]
         wrong = PickPlace(action.pick, Pose2(action.place.x + 0.1, action.place.y, action.place.yaw))
         assert scored(environment, task, wrong, action.pick) == ["thing"]
+        for x, at_border in ((Workspace().x_max - 0.02, True), (0.5, False)):
+            to_x = PickPlace(action.pick, Pose2(x, 0.0))
+            assert score_of(environment, task, to_x, target).border == at_border
         other_thing = PickPlace(action.pick @ Pose2(0.1, 0.0), action.place @ Pose2(0.1, 0.0))
         assert "exact" not in scored(environment, task, other_thing, target)
 
