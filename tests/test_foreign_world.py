@@ -111,6 +111,7 @@ def test_pictures_keep_the_conventions_of_an_observation(seed, world, tmp_path):
     assert camera_check.check(read_raw(tmp_path / "scene"), workspace) == []
 
 
+@pytest.mark.release
 def test_the_expert_solves_by_physics(world):
     solved = 0
     for seed in foreign_world.TEST_SEEDS[:12]:

@@ -84,6 +84,7 @@ def test_tasks_have_equally_many_demonstrations_in_any_number_of_folders(folders
     assert card["task"] == "put-block-in-bowl-seen-colors + packing-shapes-seen"
 
 
+@pytest.mark.release
 def test_a_training_can_begin_with_the_weights_of_a_checkpoint(trained, model, demo_set, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save_policy(trained[0], tmp_path / "start.safetensors", {})

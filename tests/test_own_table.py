@@ -338,6 +338,7 @@ def test_nothing_is_picked_or_placed_where_no_camera_saw(scene, sentences, multi
             assert choice.heightmap.seen[choice.place_cell[1:]], (view.camera.name, sentence)
 
 
+@pytest.mark.release
 def test_maps_and_picks_find_the_named_things_of_foreign_scenes(multi):
     pointed = picked = 0
     for scene, sentences in SENTENCES.items():

@@ -143,6 +143,7 @@ def test_a_rectangle_is_padded_to_what_networks_need_and_changes_no_other_config
     assert Config.preset("lite").workspace == Workspace()
 
 
+@pytest.mark.release
 def test_a_policy_is_trained_and_acts_without_the_simulator(own, tmp_path):
     shutil.rmtree(own / "episode-10" / "step-10")
     rectangle = ["0.20", "0.80", "-0.45", "0.45"]

@@ -178,6 +178,7 @@ def test_bad_frames_are_named(shape, kind, rotations, name):
         frame_averaged(lambda picture: picture[..., 0], np.zeros(shape, kind), rotations)
 
 
+@pytest.mark.release
 def test_of_several_exposures_each_map_is_that_of_the_surest(scene_and_truth, model):
     scene, task, _, observation = scene_and_truth
     dark = [dataclasses.replace(view, rgb=exposed(view.rgb, 0.4)) for view in observation.views]

@@ -231,7 +231,7 @@ def test_ablations_share_the_steps_if_they_change_nothing_before_the_training():
         "with-modulated-encoder", "with-steerable-encoder",
         "without-steerable-kernel", "with-free-kernels", "without-recoloring", "without-language-in-attention",
         "without-rotation-augmentation", "without-map-scaling", "without-peak", "without-empty-spots",
-        "with-joint-choice", "with-place-peak",
+        "with-continued-border", "with-joint-choice", "with-place-peak",
     }  # fmt: skip
 
 

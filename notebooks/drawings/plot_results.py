@@ -49,6 +49,7 @@ ABLATION_NAMES = {
     "without-peak": "no pick rule",
     "with-place-peak": "a place rule",
     "with-bracketing": "three exposures",
+    "with-continued-border": "a continued border",
     "without-empty-spots": "no rule on empty spots",
     "without-locations": "no location words",
 }
