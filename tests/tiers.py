@@ -8,5 +8,10 @@ import pytest
 
 def for_a_release(values: Iterable[Any], is_long: Callable[[Any], bool]) -> list[Any]:
     """The parameters of a test, those that are long with the mark release. A tuple holds several arguments."""
-    marked = [pytest.param(*(v if isinstance(v, tuple) else (v,)), marks=pytest.mark.release) for v in values]
-    return [mark if is_long(value) else value for value, mark in zip(values, marked, strict=True)]
+
+    def parameter(value: Any) -> Any:
+        if not is_long(value):
+            return value
+        return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.release)
+
+    return [parameter(value) for value in values]

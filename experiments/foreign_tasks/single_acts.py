@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -21,6 +20,7 @@ from experiments.foreign_tasks.table import TaskTable
 from gem_lite import tasks
 from gem_lite.actions import Push
 from gem_lite.config import InputConfig
+from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.base import Policy
 from gem_lite.policies.gem import GemChoice
 from gem_lite.rgbd.observation import Observation
@@ -97,13 +97,13 @@ def ask(
 ) -> list[ActScore]:  # fmt: skip
     """The score of what each policy would do now. Policies that look in the same way share what CLIP computes."""
     goal = next(goal for goal in task.goals if goal.sentence == task.instruction)
-    scenes: dict[InputConfig, Any] = {}
+    scenes: dict[InputConfig, SceneEmbedding] = {}
     scores = []
     for policy in policies:
-        looks = policy.config.inputs
-        if looks not in scenes:
-            scenes[looks] = policy.embed(observation.views)
-        choice = policy.decide_in(scenes[looks], observation.views, policy.read(task.instruction))
+        inputs = policy.config.inputs
+        if inputs not in scenes:
+            scenes[inputs] = policy.embed(observation.views)
+        choice = policy.decide_in(scenes[inputs], observation.views, policy.read(task.instruction))
         scores.append(score(environment, goal, choice))
     return scores
 
@@ -137,7 +137,7 @@ def our_acts(family: str, policies: Sequence[Policy], episodes: int, split: Spli
                 observations = world.step(expert.action).observations
 
 
-def asked(checkpoints: Sequence[Path], endings: Sequence[str]) -> dict[str, Policy]:
+def with_and_without(checkpoints: Sequence[Path], endings: Sequence[str]) -> dict[str, Policy]:
     """The policies of checkpoints by the names of their files; with endings, each once more by these rules."""
     policies = {}
     for path in checkpoints:
@@ -151,7 +151,7 @@ def report(checkpoints: Sequence[Path], family: str, episodes: int, split: Split
     """Print how many acts of each policy are right, in both simulators."""
     playing.make(family, split)
     measuring.check_count("episodes", episodes)
-    policies = asked(checkpoints, endings)
+    policies = with_and_without(checkpoints, endings)
     for simulator, acts in (("MuJoCo", foreign_acts), ("ours", our_acts)):
         made = tqdm(acts(family, list(policies.values()), episodes, split), simulator, unit="act")
         scores = np.array([[astuple(act) for act in of_step] for of_step in made])  # (acts, policies, parts)

@@ -36,7 +36,7 @@ from gem_lite.policies.inputs import (
     to_rgbd,
 )
 from gem_lite.policies.modulated import DepthFields, ModulatedUNet
-from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet, continue_border
+from gem_lite.policies.networks import CropKernel, LanguageKernel, SemanticRefiner, UNet, set_padding
 from gem_lite.rgbd.camera import View
 from gem_lite.se2 import angle_bins
 from gem_lite.steerable import SteerableKernel
@@ -81,7 +81,7 @@ class ActionModule(nn.Module):
     def continue_border(self, continued: bool) -> None:
         """What the encoder and the refiner see beyond their pictures, see `GemConfig.continued`."""
         for encoder in (self.encoder, self.refiner):
-            continue_border(encoder, continued)
+            set_padding(encoder, continued)
 
     def respond(self, features: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
         """The response of features to a lifted kernel (B, C, h, h): `SteerableKernel.correlate_parts`."""

@@ -111,8 +111,8 @@ class GemConfig(Config, MapConfig):
         language_in_attention: whether the attention U-Nets get the words.
         encoder: the attention U-Net: "plain" is the paper's, with words at the bottleneck; in "modulated" words scale
             and shift every level of the decoder; "steerable" does so, too, and commutes with the turns of C_8.
-        continued: whether the encoders' pictures and maps go on beyond their border as they are at the border. With
-            zeros there, a bare table has other features at its border than in its middle.
+        continued: whether the encoders' pictures and maps go on beyond their border as they are there (replicate
+            padding). With zeros, a bare table has other features at its border than in its middle.
     """
 
     INPUTS: ClassVar[type[InputConfig]] = MapConfig

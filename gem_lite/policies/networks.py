@@ -149,7 +149,7 @@ class SemanticRefiner(nn.Module):
         return self.linear(torch.cat([raw, self.encoder(height)], dim=1))
 
 
-def continue_border(module: nn.Module, continued: bool) -> None:
+def set_padding(module: nn.Module, continued: bool) -> None:
     """Let a module's convolutions see the border of a picture again beyond it, if ``continued``; otherwise zeros."""
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d):

@@ -73,12 +73,18 @@ def test_a_push_is_right_if_it_ends_in_the_named_square():
 
 @pytest.mark.release
 def test_policies_that_look_in_the_same_way_are_asked_about_one_embedding(monkeypatch):
-    policies = single_acts.asked([DATA / "gem-multi.safetensors"], ["with-continued-border"])
+    policies = single_acts.with_and_without([DATA / "gem-multi.safetensors"], ["with-continued-border"])
     assert list(policies) == ["gem-multi", "gem-multi-with-continued-border"]
     plain, continued = policies.values()
     assert (plain.config.continued, continued.config.continued) == (False, True)
-    embedded, embed = [], Gem.embed
-    monkeypatch.setattr(Gem, "embed", lambda policy, views: embedded.append(policy) or embed(policy, views))
+    embedded = []
+    embed = Gem.embed
+
+    def watched(policy, views):
+        embedded.append(policy)
+        return embed(policy, views)
+
+    monkeypatch.setattr(Gem, "embed", watched)
     task = playing.make("assembling-kits", "val")
     with TaskTable() as table:
         table.begin(task, playing.SEEDS["val"][0])
@@ -87,7 +93,7 @@ def test_policies_that_look_in_the_same_way_are_asked_about_one_embedding(monkey
         assert embedded == [plain]
         choice = plain.decide(seen, task.instruction)
         assert both[0] == single_acts.score(table, task.goals[0], choice)
-        bracketed = single_acts.asked([DATA / "gem-multi.safetensors"], ["with-bracketing"])
+        bracketed = single_acts.with_and_without([DATA / "gem-multi.safetensors"], ["with-bracketing"])
         embedded.clear()
         single_acts.ask(list(bracketed.values()), seen, task, table)
         assert len(embedded) == 2, "other exposures"
