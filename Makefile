@@ -99,6 +99,8 @@ PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(COMPARED) --numprocesses=$(
   --no-loadscope-reorder --max-worker-restart=0
 
 release: COMPARED := --nbval --release
+# A page that the book cannot show is found before a release.
+release: book
 # Ruff and mypy begin at the same time as the tests: they leave a second core idle.
 test release: $(READY)
 	@$(MAKE) --no-print-directory --jobs=2 lint tests COMPARED="$(COMPARED)"

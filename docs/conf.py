@@ -47,6 +47,8 @@ default_role = "code"
 apidoc_modules = [{"path": "../gem_lite", "destination": "build/api"}]
 suppress_warnings = ["ref.python"]
 """Several classes have a field of one name: Sphinx then cannot choose where a link to it leads."""
+autodoc_mock_imports = ["gradio"]
+"""It has an environment of its own: docs/app.txt."""
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_use_ivar = True
