@@ -294,6 +294,12 @@ def own_table(rows: Rows) -> str:
     return lines_of(["policy", "demonstrations", "solved"], lines)
 
 
+def foreign_tasks(rows: Rows) -> str:
+    """The policy that is shipped, on four families of tasks in another simulator."""
+    lines = [[row["task"].removeprefix("foreign-"), cell(row)] for row in rows if row["split"] == "test"]
+    return lines_of(["family", "GEM-multi as it is shipped"], lines)
+
+
 def refusals(rows: Rows) -> str:
     """How often the refusal refused, by table and by whether the named thing was there."""
     titles = {"MuJoCo": "of MuJoCo", "home": "ours (bowls, everyday objects, pairs of boxes; unseen names)"}

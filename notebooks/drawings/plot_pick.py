@@ -69,7 +69,7 @@ def show_samples(samples: Sequence[Sample], workspace: Workspace) -> Figure:
             ax.set(xlim=(-0.5, workspace.shape[1] - 0.5), ylim=(workspace.shape[0] - 0.5, -0.5))
     axes[0, 0].set_ylabel("picture and label", fontsize=9)
     axes[1, 0].set_ylabel("map of the pick phrase", fontsize=9)
-    fig.colorbar(map_image, ax=axes[1], shrink=0.8)
+    fig.colorbar(map_image, ax=axes[1], shrink=0.8, label="map")
     return fig
 
 
