@@ -7,10 +7,10 @@ import pytest
 import torch
 from small import SMALL, disturbed
 
-from gem_lite.policies import methods, networks
-from gem_lite.policies.augment import apply, random_motion, recolored, rescaled
+from gem_lite.policies import augment, methods, networks
+from gem_lite.policies.augment import apply, random_motion, recolored, relit, rescaled
 from gem_lite.policies.gem import PickModule, PlaceModule
-from gem_lite.policies.inputs import Sample, crop_at, cross_entropy, right_bins
+from gem_lite.policies.inputs import TABLE_GRAY, Sample, crop_at, cross_entropy, right_bins
 from gem_lite.policies.networks import CropKernel, LanguageKernel, UNet
 from gem_lite.se2 import ImageMotion
 
@@ -188,6 +188,34 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
     assert [recolors(name) for name in ("gem", "cliport", "transporter-lan")] == [True, True, False]
     assert not recolors("gem-without-semantic-map")
     assert not any(recolors(name, recolor=False) for name in ("gem", "cliport", "cliport-grounded"))
+
+
+def test_relighting_multiplies_the_raw_colours_by_one_smooth_light_and_changes_nothing_else():
+    image = torch.rand(6, 16, 8, generator=torch.Generator().manual_seed(0))
+    sample, wholes = dataclasses.replace(sample_with_spot(2, 2), **named(image)), []
+    rows, cols = torch.meshgrid(torch.arange(16.0), torch.arange(8.0), indexing="ij")
+    terms = torch.stack([torch.ones(16, 8), rows, cols, rows**2, cols**2], dim=-1).flatten(0, 1)
+    for seed in range(40):
+        drawn = relit(np.random.default_rng(seed), sample, 0.3)
+        assert dataclasses.replace(drawn, rgbd=sample.rgbd) == sample and torch.equal(channels(drawn)[3:], image[3:])
+        light = (drawn.rgbd[:3] + TABLE_GRAY) / (image[:3] + TABLE_GRAY)
+        assert torch.allclose(light, light[:1].expand(3, -1, -1), atol=1e-5)  # all colours alike
+        fitted = terms @ torch.linalg.lstsq(terms, light[0].flatten()[:, None]).solution
+        assert torch.allclose(fitted[:, 0], light[0].flatten(), atol=1e-4)  # a plane and a bowl
+        wholes.append(float(light[0, 7:9, 3:5].mean()))
+    assert 0.69 < min(wholes) < 0.8 and 1.2 < max(wholes) < 1.31  # in the middle, the first of the three alone
+    assert torch.allclose(channels(relit(np.random.default_rng(0), sample, 0.0)), image)
+
+
+@pytest.mark.parametrize("most", [0.0, 0.2])
+def test_training_draws_another_light_only_where_the_configuration_says_so(monkeypatch, most):
+    lights, honest = [], augment.relit
+    monkeypatch.setattr(augment, "relit", lambda *args: lights.append(args[2]) or honest(*args))
+    method, config = methods.find("gem")
+    sizes = types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
+    policy = method(dataclasses.replace(config, uneven_light=most), sizes)
+    policy.augmented(sample_with_spot(2, 2), np.random.default_rng(0))
+    assert lights == [most] * bool(most)
 
 
 def test_rescaling_changes_maps_alone_and_keeps_their_order():

@@ -205,6 +205,7 @@ TABLES: Mapping[str, Callable[[Rows], str]] = {
 OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {
     "heights": ("shipped", single_tables.heights),
     "kinect": ("shipped", single_tables.kinects),
+    "trained in kinect": ("kinect", single_tables.kinects),
     "map sources": ("shipped", single_tables.sources),
     "two tables": ("object-sorting", single_tables.two_tables),
     "own table": ("own-table", single_tables.own_table),

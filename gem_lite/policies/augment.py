@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gem_lite.policies.inputs import Sample
+from gem_lite.policies.inputs import TABLE_GRAY, Sample
 from gem_lite.se2 import ImageMotion
 
 TRIES = 100
@@ -48,6 +48,29 @@ def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
     rgbd = sample.rgbd.clone()
     gain = torch.from_numpy(rng.uniform(0.5, 1.5, 3)).to(rgbd)
     rgbd[:3] = rgbd[rng.permutation(3).tolist()] * gain[:, None, None]
+    return replace(sample, rgbd=rgbd)
+
+
+def relit(rng: np.random.Generator, sample: Sample, most: float) -> Sample:
+    """Light a sample's picture otherwise: as a whole, towards one side, and towards the border. All else stays.
+
+    A rendered table has one colour. Below a real lamp its colour changes slowly from place to place. A network that
+    never saw this may take a small difference of colour for a thing.
+
+    Args:
+        most: the largest part of the light, 0 to 0.3, by which each of the three changes it, up or down. The second
+            and the third reach it at the middle of the picture's shorter sides.
+    """
+    height, width = sample.rgbd.shape[-2:]
+    half = max(height, width) / 2
+    rows = (torch.arange(height)[:, None] - (height - 1) / 2) / half
+    cols = (torch.arange(width) - (width - 1) / 2) / half
+    whole, slope, border = rng.uniform(-most, most, 3).tolist()
+    direction = float(rng.uniform(-np.pi, np.pi))
+    side = np.cos(direction) * rows + np.sin(direction) * cols
+    light = 1 + whole + slope * side + border * (rows**2 + cols**2)
+    rgbd = sample.rgbd.clone()
+    rgbd[:3] = (rgbd[:3] + TABLE_GRAY) * light - TABLE_GRAY
     return replace(sample, rgbd=rgbd)
 
 

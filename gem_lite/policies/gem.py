@@ -249,7 +249,9 @@ class Gem(Policy[SceneEmbedding]):
     def augmented(self, sample: Sample, rng: np.random.Generator) -> Sample:
         moved = augment.moved(rng, sample, self.config.turn)
         rescaled = augment.rescaled(rng, moved, self.config.map_gain, self.config.map_offset)
-        return augment.recolored(rng, rescaled) if self.recolors else rescaled
+        recolored = augment.recolored(rng, rescaled) if self.recolors else rescaled
+        # Without it no random number is drawn: earlier trainings come out the same.
+        return augment.relit(rng, recolored, self.config.uneven_light) if self.config.uneven_light else recolored
 
     @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:
