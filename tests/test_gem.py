@@ -192,7 +192,7 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
 
 def test_relighting_multiplies_the_raw_colours_by_one_smooth_light_and_changes_nothing_else():
     image = torch.rand(6, 16, 8, generator=torch.Generator().manual_seed(0))
-    sample, wholes = dataclasses.replace(sample_with_spot(2, 2), **named(image)), []
+    sample, wholes, at_corners = dataclasses.replace(sample_with_spot(2, 2), **named(image)), [], []
     rows, cols = torch.meshgrid(torch.arange(16.0), torch.arange(8.0), indexing="ij")
     terms = torch.stack([torch.ones(16, 8), rows, cols, rows**2, cols**2], dim=-1).flatten(0, 1)
     for seed in range(40):
@@ -202,8 +202,11 @@ def test_relighting_multiplies_the_raw_colours_by_one_smooth_light_and_changes_n
         assert torch.allclose(light, light[:1].expand(3, -1, -1), atol=1e-5)  # all colours alike
         fitted = terms @ torch.linalg.lstsq(terms, light[0].flatten()[:, None]).solution
         assert torch.allclose(fitted[:, 0], light[0].flatten(), atol=1e-4)  # a plane and a bowl
+        assert float(light.min()) > 1 - 3 * 0.3
         wholes.append(float(light[0, 7:9, 3:5].mean()))
+        at_corners.append(float(light[0, 0, 0] + light[0, -1, -1]) / 2 - wholes[-1])
     assert 0.69 < min(wholes) < 0.8 and 1.2 < max(wholes) < 1.31  # in the middle, the first of the three alone
+    assert -0.31 < min(at_corners) < -0.2 and 0.2 < max(at_corners) < 0.31  # towards both corners, the third alone
     assert torch.allclose(channels(relit(np.random.default_rng(0), sample, 0.0)), image)
 
 

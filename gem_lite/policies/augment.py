@@ -52,19 +52,19 @@ def recolored(rng: np.random.Generator, sample: Sample) -> Sample:
 
 
 def relit(rng: np.random.Generator, sample: Sample, most: float) -> Sample:
-    """Light a sample's picture otherwise: as a whole, towards one side, and towards the border. All else stays.
+    """Change the light of a sample's picture: as a whole, towards one side, and towards the border. All else stays.
 
-    A rendered table has one colour. Below a real lamp its colour changes slowly from place to place. A network that
-    never saw this may take a small difference of colour for a thing.
+    A rendered table has one colour, apart from shadows. Below a real lamp its colour changes slowly from place to
+    place. A network that never saw this may take a small difference of colour for a thing.
 
     Args:
-        most: the largest part of the light, 0 to 0.3, by which each of the three changes it, up or down. The second
-            and the third reach it at the middle of the picture's shorter sides.
+        most: the part of the light, 0 to 0.3, by which each of the three changes it at most, up or down. The second
+            and the third can reach it in a corner alone.
     """
     height, width = sample.rgbd.shape[-2:]
-    half = max(height, width) / 2
-    rows = (torch.arange(height)[:, None] - (height - 1) / 2) / half
-    cols = (torch.arange(width) - (width - 1) / 2) / half
+    to_corner = np.hypot(height - 1, width - 1) / 2
+    rows = (torch.arange(height)[:, None] - (height - 1) / 2) / to_corner
+    cols = (torch.arange(width) - (width - 1) / 2) / to_corner
     whole, slope, border = rng.uniform(-most, most, 3).tolist()
     direction = float(rng.uniform(-np.pi, np.pi))
     side = np.cos(direction) * rows + np.sin(direction) * cols

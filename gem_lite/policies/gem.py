@@ -250,7 +250,7 @@ class Gem(Policy[SceneEmbedding]):
         moved = augment.moved(rng, sample, self.config.turn)
         rescaled = augment.rescaled(rng, moved, self.config.map_gain, self.config.map_offset)
         recolored = augment.recolored(rng, rescaled) if self.recolors else rescaled
-        # Without it no random number is drawn: earlier trainings come out the same.
+        # With 0, no random number is drawn: earlier trainings come out the same.
         return augment.relit(rng, recolored, self.config.uneven_light) if self.config.uneven_light else recolored
 
     @override

@@ -99,8 +99,8 @@ class GemConfig(Config, MapConfig):
         map_gain, map_offset: training multiplies each semantic map by a factor in the range ``map_gain``, then adds an
             offset between minus and plus ``map_offset`` (`augment.rescaled`).
         recolor: whether training exchanges and scales the picture's colours (`augment.recolored`).
-        uneven_light: by what part training makes a picture brighter or darker in all, on one side and at the border
-            (`augment.relit`); 0 leaves the light as it is.
+        uneven_light: by what part, at most, training makes a picture brighter or darker: as a whole, towards one side,
+            and towards the border (`augment.relit`); 0 leaves the light as it is.
         rotations: n, into how many rotations a kernel is lifted.
         frequency: K, the largest Fourier frequency kept.
         kernel: h, side of the dynamic kernel (pixels, odd).
