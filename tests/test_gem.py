@@ -192,7 +192,9 @@ def test_recolouring_is_for_methods_that_see_colours_through_clip():
 
 def test_relighting_multiplies_the_raw_colours_by_one_smooth_light_and_changes_nothing_else():
     image = torch.rand(6, 16, 8, generator=torch.Generator().manual_seed(0))
-    sample, wholes, at_corners = dataclasses.replace(sample_with_spot(2, 2), **named(image)), [], []
+    sample = dataclasses.replace(sample_with_spot(2, 2), **named(image))
+    wholes = []
+    at_corners = []
     rows, cols = torch.meshgrid(torch.arange(16.0), torch.arange(8.0), indexing="ij")
     terms = torch.stack([torch.ones(16, 8), rows, cols, rows**2, cols**2], dim=-1).flatten(0, 1)
     for seed in range(40):
@@ -212,13 +214,19 @@ def test_relighting_multiplies_the_raw_colours_by_one_smooth_light_and_changes_n
 
 @pytest.mark.parametrize("most", [0.0, 0.2])
 def test_training_draws_another_light_only_where_the_configuration_says_so(monkeypatch, most):
-    lights, honest = [], augment.relit
-    monkeypatch.setattr(augment, "relit", lambda *args: lights.append(args[2]) or honest(*args))
+    lights = []
+    relit_unwatched = augment.relit
+
+    def watched(rng, sample, light):
+        lights.append(light)
+        return relit_unwatched(rng, sample, light)
+
+    monkeypatch.setattr(augment, "relit", watched)
     method, config = methods.find("gem")
     sizes = types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
     policy = method(dataclasses.replace(config, uneven_light=most), sizes)
     policy.augmented(sample_with_spot(2, 2), np.random.default_rng(0))
-    assert lights == [most] * bool(most)
+    assert lights == ([most] if most else [])
 
 
 def test_rescaling_changes_maps_alone_and_keeps_their_order():
