@@ -33,7 +33,7 @@ SORTING_POLICY = str(clip.DATA / "gem-object-sorting.safetensors")
 SMALL = ["--config.steps", "2", "--config.batch", "1", "--config.widths", "8", "8", "8", "8"]
 EXPERIMENTS = (
     "benchmark", "clip_tabletop", "foreign_table", "foreign_tasks", "other_eyes", "other_words", "picture_prompts",
-    "from_an_empty_file", "planning", "pointing", "real_tables", "sensor_noise",
+    "from_an_empty_file", "planning", "pointing", "real_tables", "relations", "sensor_noise",
 )  # fmt: skip
 COMMANDS = (
     "demo", "collect", "verify", "train", "evaluate", "several-tables", "check-cameras", "look", "read", "plan",
@@ -50,7 +50,8 @@ COMMANDS = (
     "other_words measure",
     "picture_prompts collect", "picture_prompts train-gem", "picture_prompts train-rival", "picture_prompts measure",
     "picture_prompts peaks", "planning play", "planning table", "planning nouns", "planning swap", "pointing",
-    "real_tables kernels", "real_tables color-bias", "real_tables displaced", "sensor_noise",
+    "real_tables kernels", "real_tables color-bias", "real_tables displaced", "relations play", "relations draw",
+    "relations frame", "from_an_empty_file", "sensor_noise",
 )  # fmt: skip
 
 
@@ -129,6 +130,12 @@ print(*sys.modules, file=sys.stderr)
     assert not heavy & set(done.stderr.split())
 
 
+def test_every_program_of_an_experiment_is_in_the_list():
+    folders = (Path(__file__).parents[1] / "experiments").glob("*/__main__.py")
+    assert {path.parent.name for path in folders if "make_app" in path.read_text()} == {*EXPERIMENTS}
+    assert {name.split()[0] for name in COMMANDS} >= {*EXPERIMENTS}
+
+
 def test_the_overview_and_a_group_list_their_commands(capsys):
     own = [name.split()[0] for name in COMMANDS if name.split()[0] not in EXPERIMENTS]
     assert all(f"│ {name} " in help_of("") for name in own)
@@ -200,6 +207,8 @@ several-tables none.safetensors | none.safetensors is missing
 several-tables {SORTING_POLICY} --world mars | no world is named 'mars'
 several-tables {SORTING_POLICY} --tables 0 | tables must be at least 1, got 0
 several-tables {SORTING_POLICY} --tasks object-sorting-seen bars-in-box | got 'bars-in-box'
+foreign_table measure {SORTING_POLICY} --episodes 1 | was trained for the table
+foreign_tasks measure {SORTING_POLICY} assembling-kits --episodes 1 | was trained for the table
 several-tables {BOWL_POLICY} | m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m
 clip calibrate . | the CLIP folder '.' has no configuration: config.json is missing
 results show nothing | there are no results named 'nothing'; there are: foreign-tasks, joint,

@@ -229,6 +229,19 @@ def test_training_draws_another_light_only_where_the_configuration_says_so(monke
     assert lights == ([most] if most else [])
 
 
+def test_light_leaves_black_pixels_black_before_their_colours_change(monkeypatch):
+    monkeypatch.setattr(augment, "moved", lambda rng, sample, turn: sample)
+    method, config = methods.find("gem")
+    sizes = types.SimpleNamespace(dim=D, width=D, inner_widths=(8, 8))
+    policy = method(dataclasses.replace(config, uneven_light=0.3), sizes)
+    bare = sample_with_spot(2, 2)
+    black = dataclasses.replace(bare, rgbd=torch.full_like(bare.rgbd, -TABLE_GRAY))
+    for seed in range(5):
+        drawn = policy.augmented(black, np.random.default_rng(seed)).rgbd[:3]
+        assert torch.allclose(drawn, drawn[:, :1, :1].expand_as(drawn)), "only the factor of a channel is left"
+        assert (drawn[:, 0, 0] < -0.49 * TABLE_GRAY).all()
+
+
 def test_rescaling_changes_maps_alone_and_keeps_their_order():
     rng = np.random.default_rng(0)
     image = torch.rand(6, 8, 8)

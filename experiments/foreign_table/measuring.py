@@ -25,7 +25,7 @@ from gem_lite.policies import robot_plan
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.rgbd.observation import Observation
-from gem_lite.se2 import Pose2
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.world import World
 
 SHIPPED = clip.DATA / "gem-multi.safetensors"
@@ -54,6 +54,17 @@ def check_count(name: str, count: int, least: int = 1) -> None:
     """Raises ValueError if there is no such number of tables or episodes."""
     if not least <= count <= MOST:
         raise ValueError(f"{name} must be a whole number from {least} to {MOST}, got {count}")
+
+
+def load(checkpoint: Path) -> Policy:
+    """A policy. Raises ValueError if it was trained for a table of another size or place."""
+    policy = load_policy(checkpoint, clip.load()).eval()
+    if policy.config.workspace != Workspace():
+        raise ValueError(
+            f"the checkpoint {checkpoint} was trained for the table {policy.config.workspace}; the other simulator's "
+            f"is {Workspace()}"
+        )
+    return policy
 
 
 def record(folder: Path, episodes: int) -> None:
@@ -95,7 +106,7 @@ def play(world: ForeignWorld, policy: Policy, index: int) -> Episode:
 def measure(checkpoint: Path, episodes: int, out: Path) -> None:
     """Measure a policy on the first test tables, and file its row."""
     check_count("episodes", episodes)
-    policy = load_policy(checkpoint, clip.load()).eval()
+    policy = load(checkpoint)
     with ForeignWorld() as world:
         played = [play(world, policy, index) for index in tqdm(range(episodes), unit="episode")]
     facts = {"world": "MuJoCo", "split": "test", "start": 0, "actions": ACTIONS}

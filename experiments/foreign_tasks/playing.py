@@ -11,12 +11,10 @@ from tqdm import tqdm
 from experiments.foreign_table import measuring
 from experiments.foreign_tasks.families import FAMILIES
 from experiments.foreign_tasks.table import TaskTable
-from gem_lite import clip
 from gem_lite.actions import Push
 from gem_lite.evaluation.results import Episode
 from gem_lite.policies import robot_plan
 from gem_lite.policies.base import Policy
-from gem_lite.policies.checkpoints import load_policy
 from gem_lite.se2 import Pose2
 from gem_lite.simulation.environment import SOLVED
 from gem_lite.tasks.task import Split, Task
@@ -29,8 +27,10 @@ Player = Callable[[TaskTable, Task, EmptyPicks], EmptyPicks]
 
 
 def by_expert(table: TaskTable, task: Task, empty_picks: EmptyPicks) -> EmptyPicks:
-    """Act by the true poses."""
-    table.act(task.expert(table).action)
+    """Act by the true poses. Nothing happens if the expert knows no act, for instance if a thing fell off the table."""
+    expert = task.expert(table)
+    if expert is not None:
+        table.act(expert.action)
     return ()
 
 
@@ -79,8 +79,8 @@ def play_all(family: str, episodes: int, split: Split, player: Player) -> list[E
 
 
 def load(checkpoint: Path, endings: Sequence[str]) -> Policy:
-    """A policy, with the rules of acting that the endings of a method's name stand for."""
-    policy = load_policy(checkpoint, clip.load()).eval()
+    """A policy, with the rules of acting that the endings of a method's name stand for. See `measuring.load`."""
+    policy = measuring.load(checkpoint)
     for ending in endings:
         policy.act_as(policy.config.ablated(ending))
     return policy

@@ -22,7 +22,7 @@ from gem_lite.actions import Push
 from gem_lite.config import InputConfig
 from gem_lite.maps.semantic_map import SceneEmbedding
 from gem_lite.policies.base import Policy
-from gem_lite.policies.gem import GemChoice
+from gem_lite.policies.gem import Gem, GemChoice
 from gem_lite.rgbd.observation import Observation
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation.environment import Environment
@@ -49,7 +49,7 @@ class ActScore:
     """How far one act of a policy is right.
 
     Attributes:
-        thing: the pick is meant for the named thing.
+        thing: the pick is near the middle of the named thing (`THING_REACH`). It may still hold another thing, or none.
         map_peak: the highest value of the place's semantic map is at the right target.
         target: the place is meant for the right target.
         exact: the thing would come to lie within the task's tolerances, if it moved as the tool does.
@@ -138,10 +138,18 @@ def our_acts(family: str, policies: Sequence[Policy], episodes: int, split: Spli
 
 
 def with_and_without(checkpoints: Sequence[Path], endings: Sequence[str]) -> dict[str, Policy]:
-    """The policies of checkpoints by the names of their files; with endings, each once more by these rules."""
-    policies = {}
+    """The policies of checkpoints by the names of their files; with endings, each once more by these rules.
+
+    Raises:
+        ValueError: two files have the same name, or a policy is none of GEM and so has no map of the place.
+    """
+    policies: dict[str, Policy] = {}
     for path in checkpoints:
+        if path.stem in policies:
+            raise ValueError(f"the checkpoints must have different names, got {path.stem} twice")
         policies[path.stem] = playing.load(path, ())
+        if not isinstance(policies[path.stem], Gem):
+            raise ValueError(f"{path} must hold a policy of GEM, got {policies[path.stem].name}")
         if endings:
             policies["-".join([path.stem, *endings])] = playing.load(path, endings)
     return policies

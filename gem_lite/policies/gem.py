@@ -249,9 +249,9 @@ class Gem(Policy[SceneEmbedding]):
     def augmented(self, sample: Sample, rng: np.random.Generator) -> Sample:
         moved = augment.moved(rng, sample, self.config.turn)
         rescaled = augment.rescaled(rng, moved, self.config.map_gain, self.config.map_offset)
-        recolored = augment.recolored(rng, rescaled) if self.recolors else rescaled
-        # With 0, no random number is drawn: earlier trainings come out the same.
-        return augment.relit(rng, recolored, self.config.uneven_light) if self.config.uneven_light else recolored
+        # Light multiplies true colours, so it comes first. With 0, no random number is drawn, as in earlier trainings.
+        relit = augment.relit(rng, rescaled, self.config.uneven_light) if self.config.uneven_light else rescaled
+        return augment.recolored(rng, relit) if self.recolors else relit
 
     @override
     def score_pick(self, inputs: Inputs) -> torch.Tensor:

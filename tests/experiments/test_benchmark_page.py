@@ -32,7 +32,10 @@ def test_the_numbers_of_the_readme_are_what_the_rows_give():
     )
     means = [interval_text(*summaries.mean_over_tasks({task: of[task] for task in PAPER})) for of in (gem, multi)]
     in_bowls = [multi[BOWL], gem[BOWL], cliport[BOWL], summaries.scores(rows, "cliport", 100)[BOWL]]
-    assert typed("README.md") == [*map(str, in_bowls), *means, str(transporter[ROPE])]
+    shipped = results.read_rows(results.RESULTS / "shipped.jsonl")
+    (again,) = (row for row in shipped if (row["task"], row["method"], row["subset"]) == (BOWL, "gem-multi", "all"))
+    numbers = [*map(str, in_bowls), *means, str(transporter[ROPE]), str(summaries.pool([again]))]
+    assert typed("README.md") == numbers
     assert max(gem[ROPE].mean, multi[ROPE].mean) < 30  # "both score below 30"
 
 

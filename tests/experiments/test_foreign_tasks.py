@@ -2,6 +2,7 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ from gem_lite.cli import base
 from gem_lite.evaluation import results
 from gem_lite.foundations import colors
 from gem_lite.language import parse
-from gem_lite.se2 import Pose2
+from gem_lite.policies.choosing import Choice
+from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation import looks
 from gem_lite.simulation.bodies import shapes
 from gem_lite.simulation.world import World
@@ -117,7 +120,7 @@ def test_a_piece_with_a_wrong_turn_earns_nothing():
         assert table.act(PickPlace(right.pick, turned)) and task.score(table) == 0
 
 
-def test_pushes_bring_cubes_into_the_named_square_or_into_the_other():
+def test_a_push_into_the_named_square_scores_and_one_away_from_it_does_not():
     task = playing.make("separating-piles", "val")
     with TaskTable() as table:
         table.begin(task, playing.SEEDS["val"][0])
@@ -127,6 +130,53 @@ def test_pushes_bring_cubes_into_the_named_square_or_into_the_other():
         assert task.score(table) <= before
         table.act(task.expert(table).action)
         assert task.score(table) > before + 0.1
+
+
+class ExpertByChoice:
+    """Stands for a policy: its choice is an expert's action, on the height map that a policy would see."""
+
+    def __init__(self, table, task):
+        self.table = table
+        self.task = task
+
+    def decide(self, observation, sentence, empty_picks):
+        assert sentence == self.task.instruction
+        return choice_of(observation, self.task.expert(self.table).action)
+
+
+def choice_of(observation, action):
+    """A choice of an action, with the same logits everywhere."""
+    heightmap = fuse_views(observation.views, Workspace())
+    logits = np.zeros((1, *Workspace().shape))
+    return Choice("", None, heightmap, logits, logits, (0, 0, 0), (0, 0, 0), action)
+
+
+@pytest.mark.parametrize("family", ["stack-block-pyramid", "separating-piles"])
+def test_what_a_policy_chooses_is_done(family):
+    task = playing.make(family, "val")
+    with TaskTable() as table:
+        table.begin(task, playing.SEEDS["val"][0])
+        before = task.score(table)
+        assert playing.by_policy(ExpertByChoice(table, task), table, task, ()) == ()
+        assert task.score(table) > before
+
+
+def test_a_pick_that_holds_nothing_is_remembered_until_one_holds():
+    task = playing.make("stack-block-pyramid", "val")
+    bare = Pose2(0.26, -0.49)
+    with TaskTable() as table:
+        table.begin(task, playing.SEEDS["val"][0])
+        expert = ExpertByChoice(table, task)
+        missed = PickPlace(bare, task.expert(table).action.place)
+        blind = SimpleNamespace(decide=lambda observation, *_: choice_of(observation, missed))
+        assert playing.by_policy(blind, table, task, ()) == (bare,)
+        assert playing.by_policy(blind, table, task, (bare,)) == (bare, bare)
+        assert playing.by_policy(expert, table, task, (bare,)) == ()
+
+
+def test_an_expert_without_an_act_does_nothing():
+    task = SimpleNamespace(expert=lambda table: None)
+    assert playing.by_expert(None, task, ()) == ()
 
 
 def test_a_policy_is_measured(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,8 @@ import tokenize
 import nbformat
 import pytest
 
-from experiments.from_an_empty_file.__main__ import APP, LESSON, TAG, program
+from experiments.from_an_empty_file.__main__ import APP
+from experiments.from_an_empty_file.typed_lesson import LESSON, TAG, program
 from gem_lite.cli import base
 from gem_lite.foundations.files import DATA
 

@@ -71,6 +71,16 @@ def test_a_push_is_right_if_it_ends_in_the_named_square():
         assert scored(table, task, back, push.start) == ["thing"]
 
 
+def test_two_policies_of_one_name_and_policies_without_maps_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(playing, "load", lambda path, endings: SimpleNamespace(name="cliport"))
+    with pytest.raises(ValueError, match=r"a.safetensors must hold a policy of GEM, got cliport"):
+        single_acts.with_and_without([tmp_path / "a.safetensors"], [])
+    gem = object.__new__(Gem)
+    monkeypatch.setattr(playing, "load", lambda path, endings: gem)
+    with pytest.raises(ValueError, match="different names, got a twice"):
+        single_acts.with_and_without([tmp_path / "a.safetensors", tmp_path / "b" / "a.safetensors"], [])
+
+
 @pytest.mark.release
 def test_policies_that_look_in_the_same_way_are_asked_about_one_embedding(monkeypatch):
     policies = single_acts.with_and_without([DATA / "gem-multi.safetensors"], ["with-continued-border"])
