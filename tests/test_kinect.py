@@ -107,17 +107,19 @@ def test_the_fused_table_is_as_far_off_as_calibrated_cameras_make_it(name):
 
 
 @pytest.mark.release
-def test_the_darkest_lamp_leaves_the_table_to_every_depth_camera():
+def test_the_darkest_lamp_leaves_nearly_all_of_the_table_to_every_depth_camera():
+    too_dark = []
     corners = itertools.product((-1.0, 1.0), repeat=2)
     with World(style=PERFECT) as world:
         begun(world)
         for x, y in corners:
             lean = KINECT_HARD.lamp.lean
             world.light = Light((0.3 + lean * x * 0.5**0.5, 0.2 + lean * y * 0.5**0.5, 1.0), shadow=True)
-            (top, *_) = world.observe()[0].views
-            points = top.points()
-            gray = top.rgb.mean(axis=-1)[Workspace().contains(points[..., 0], points[..., 1])]
-            assert gray.min() > 0.95 * AZURE_HARD.blind_below
+            for view in world.observe()[0].views:
+                points = view.points()
+                gray = view.rgb.mean(axis=-1)[Workspace().contains(points[..., 0], points[..., 1])]
+                too_dark.append(float((gray < AZURE_HARD.blind_below).mean()))
+    assert len(too_dark) == 12 and max(too_dark) < 0.06 and np.median(too_dark) < 0.001
 
 
 @pytest.mark.release
