@@ -295,12 +295,19 @@ def own_table(rows: Rows) -> str:
 
 
 def foreign_tasks(rows: Rows) -> str:
-    """The policy that is shipped, on four families of tasks in another simulator. There is one row for each."""
+    """Two policies on four families of tasks in another simulator, and their paired difference."""
     lines = []
-    for task in dict.fromkeys(row["task"] for row in rows):
-        if row := found(rows, method="gem-multi", task=task, split="test"):
-            lines.append([task.removeprefix("foreign-"), cell(row)])
-    return lines_of(["family", "GEM-multi as it is shipped"], lines)
+    there = [row for row in rows if row["world"] == "MuJoCo"]
+    for task in dict.fromkeys(row["task"] for row in there):
+        shipped, uneven = (
+            found(there, method="gem-multi", task=task, split="test", demonstrations_world=demonstrations)
+            for demonstrations in ("varied", "varied + diverse")
+        )
+        pooled = [summaries.pool([row]) if row else None for row in (uneven, shipped)]
+        cells = [cell(row) if row else "" for row in (shipped, uneven)]
+        lines.append([task.removeprefix("foreign-"), *cells, lead(*pooled)])
+    head = ["family", "GEM-multi as it is shipped", "trained in two worlds and uneven light", "second minus first"]
+    return lines_of(head, lines)
 
 
 def refusals(rows: Rows) -> str:
