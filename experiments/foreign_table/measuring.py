@@ -59,10 +59,11 @@ def check_count(name: str, count: int, least: int = 1) -> None:
 def load(checkpoint: Path) -> Policy:
     """A policy. Raises ValueError if it was trained for a table of another size or place."""
     policy = load_policy(checkpoint, clip.load()).eval()
-    if policy.config.workspace != Workspace():
+    limits = policy.config.workspace.limits
+    if not np.allclose(limits, Workspace().limits):
         raise ValueError(
-            f"the checkpoint {checkpoint} was trained for the table {policy.config.workspace}; the other simulator's "
-            f"is {Workspace()}"
+            f"the checkpoint {checkpoint} was trained for the table {limits} (x_min, x_max, y_min, y_max in m); the "
+            f"other simulator's is {Workspace().limits}"
         )
     return policy
 

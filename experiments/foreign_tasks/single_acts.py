@@ -141,17 +141,18 @@ def with_and_without(checkpoints: Sequence[Path], endings: Sequence[str]) -> dic
     """The policies of checkpoints by the names of their files; with endings, each once more by these rules.
 
     Raises:
-        ValueError: two files have the same name, or a policy is none of GEM and so has no map of the place.
+        ValueError: two files have the same name, or a policy is none of GEM or has no maps.
     """
     policies: dict[str, Policy] = {}
     for path in checkpoints:
-        if path.stem in policies:
-            raise ValueError(f"the checkpoints must have different names, got {path.stem} twice")
-        policies[path.stem] = playing.load(path, ())
-        if not isinstance(policies[path.stem], Gem):
-            raise ValueError(f"{path} must hold a policy of GEM, got {policies[path.stem].name}")
-        if endings:
-            policies["-".join([path.stem, *endings])] = playing.load(path, endings)
+        for rules in ((), endings) if endings else ((),):
+            name = "-".join([path.stem, *rules])
+            policy = playing.load(path, rules)
+            if not isinstance(policy, Gem) or policy.config.semantic_map == "none":
+                raise ValueError(f"{path} must hold a policy of GEM with maps, got {policy.name}")
+            if name in policies:
+                raise ValueError(f"the checkpoints must have different names, got {name} twice")
+            policies[name] = policy
     return policies
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 import torch
 from damages import archive_names
 
+from experiments.foreign_table import measuring
 from experiments.foreign_table.__main__ import APP
 from gem_lite import clip, demonstrations
 from gem_lite.cli import base
 from gem_lite.evaluation import results
 from gem_lite.policies.checkpoints import read_card
+from gem_lite.se2 import Workspace
 
 pytestmark = pytest.mark.release
 
@@ -46,6 +49,18 @@ def test_the_shipped_policy_was_trained_on_the_stored_demonstrations():
     numbered = [dataclasses.replace(episode, seed=number) for number, episode in enumerate(stored)]
     digest = hashlib.sha256(json.dumps(archive_names(numbered)).encode()).hexdigest()
     assert read_card(POLICY)["data_sha256"] == digest and read_card(POLICY)["demos"] == len(stored) == 5
+
+
+def test_a_policy_of_smaller_cells_is_played_and_one_of_another_table_is_not(monkeypatch):
+    def load(length, pixel):
+        config = SimpleNamespace(workspace=Workspace.of_length(length, pixel))
+        policy = SimpleNamespace(config=config, eval=lambda: policy)
+        monkeypatch.setattr(measuring, "load_policy", lambda *_: policy)
+        return measuring.load(POLICY) is policy
+
+    assert load(1.0, 0.003125)
+    with pytest.raises(ValueError, match="was trained for the table"):
+        load(1.06, 0.00625)
 
 
 def test_a_policy_is_measured(run, tmp_path, capsys):

@@ -14,6 +14,7 @@ from gem_lite import tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.clip import DATA
 from gem_lite.policies.gem import Gem
+from gem_lite.policies.gem_config import GemConfig
 from gem_lite.se2 import Pose2, Workspace
 from gem_lite.simulation.world import World
 from gem_lite.tasks.goals import target_pose
@@ -73,12 +74,18 @@ def test_a_push_is_right_if_it_ends_in_the_named_square():
 
 def test_two_policies_of_one_name_and_policies_without_maps_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(playing, "load", lambda path, endings: SimpleNamespace(name="cliport"))
-    with pytest.raises(ValueError, match=r"a.safetensors must hold a policy of GEM, got cliport"):
+    with pytest.raises(ValueError, match=r"a.safetensors must hold a policy of GEM with maps, got cliport"):
         single_acts.with_and_without([tmp_path / "a.safetensors"], [])
     gem = object.__new__(Gem)
+    gem.__dict__["config"] = GemConfig()
     monkeypatch.setattr(playing, "load", lambda path, endings: gem)
     with pytest.raises(ValueError, match="different names, got a twice"):
         single_acts.with_and_without([tmp_path / "a.safetensors", tmp_path / "b" / "a.safetensors"], [])
+    with pytest.raises(ValueError, match="different names, got a-b twice"):
+        single_acts.with_and_without([tmp_path / "a-b.safetensors", tmp_path / "a.safetensors"], ["b"])
+    gem.__dict__["config"] = GemConfig(semantic_map="none")
+    with pytest.raises(ValueError, match="must hold a policy of GEM with maps"):
+        single_acts.with_and_without([tmp_path / "a.safetensors"], [])
 
 
 @pytest.mark.release
