@@ -207,8 +207,8 @@ several-tables none.safetensors | none.safetensors is missing
 several-tables {SORTING_POLICY} --world mars | no world is named 'mars'
 several-tables {SORTING_POLICY} --tables 0 | tables must be at least 1, got 0
 several-tables {SORTING_POLICY} --tasks object-sorting-seen bars-in-box | got 'bars-in-box'
-foreign_table measure {SORTING_POLICY} --episodes 1 | was trained for the table
-foreign_tasks measure {SORTING_POLICY} assembling-kits --episodes 1 | was trained for the table
+foreign_table measure {SORTING_POLICY} --episodes 1 | m; that of the other simulator is x 0.250
+foreign_tasks measure {SORTING_POLICY} assembling-kits --episodes 1 | m; that of the other simulator is x 0.250
 several-tables {BOWL_POLICY} | m; that of object-sorting-seen is x 0.235 to 0.765 m, y -0.530 to 0.530 m
 clip calibrate . | the CLIP folder '.' has no configuration: config.json is missing
 results show nothing | there are no results named 'nothing'; there are: foreign-tasks, joint,

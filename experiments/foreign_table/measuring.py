@@ -19,6 +19,7 @@ from gem_lite import clip, tasks
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.demonstrations import DemonstrationStep
 from gem_lite.evaluation import results
+from gem_lite.evaluation.evaluate import check_table
 from gem_lite.evaluation.results import Episode
 from gem_lite.maps import refusal
 from gem_lite.policies import robot_plan
@@ -59,12 +60,7 @@ def check_count(name: str, count: int, least: int = 1) -> None:
 def load(checkpoint: Path) -> Policy:
     """A policy. Raises ValueError if it was trained for a table of another size or place."""
     policy = load_policy(checkpoint, clip.load()).eval()
-    limits = policy.config.workspace.limits
-    if not np.allclose(limits, Workspace().limits):
-        raise ValueError(
-            f"the checkpoint {checkpoint} was trained for the table {limits} (x_min, x_max, y_min, y_max in m); the "
-            f"other simulator's is {Workspace().limits}"
-        )
+    check_table(checkpoint, policy.config.workspace, Workspace(), "the other simulator")
     return policy
 
 

@@ -143,9 +143,10 @@ def with_and_without(checkpoints: Sequence[Path], endings: Sequence[str]) -> dic
     Raises:
         ValueError: two files have the same name, or a policy is none of GEM or has no maps.
     """
+    ways_of_acting = [(), endings] if endings else [()]
     policies: dict[str, Policy] = {}
     for path in checkpoints:
-        for rules in ((), endings) if endings else ((),):
+        for rules in ways_of_acting:
             name = "-".join([path.stem, *rules])
             policy = playing.load(path, rules)
             if not isinstance(policy, Gem) or policy.config.semantic_map == "none":

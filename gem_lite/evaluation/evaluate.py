@@ -97,11 +97,7 @@ class Measurement:
         acting = self.acting_config
         policy = load_policy(self.checkpoint, clip.load(self.clip_name))
         policy.act_as(acting)
-        trained, asked = (_limits(one.workspace) for one in (acting, tasks.make(self.task, self.split)))
-        if trained != asked:
-            raise ValueError(
-                f"the checkpoint {self.checkpoint} was trained for a table {trained}; that of {self.task} is {asked}"
-            )
+        check_table(self.checkpoint, acting.workspace, tasks.make(self.task, self.split).workspace, self.task)
         if self.conditions:
             policy.check_tables()
         return actors.policy_actor(policy)
@@ -131,6 +127,23 @@ class Measurement:
                 f"preset must be left out, because the checkpoint {self.checkpoint} has its own, got {self.preset!r}"
             )
         self.actor(self.start)
+
+
+def check_table(checkpoint: Path, trained: Workspace, asked: Workspace, name: str) -> None:
+    """Refuse a policy of another table.
+
+    Args:
+        trained: the table that the policy of ``checkpoint`` was trained for. Its cells may have another size.
+        asked: the table of what is to be played, which ``name`` names.
+
+    Raises:
+        ValueError: the limits of the two tables differ, rounded to a millimetre.
+    """
+    if _limits(trained) != _limits(asked):
+        raise ValueError(
+            f"the checkpoint {checkpoint} was trained for a table {_limits(trained)}; that of {name} is "
+            f"{_limits(asked)}"
+        )
 
 
 def _limits(workspace: Workspace) -> str:
