@@ -241,6 +241,7 @@ other_eyes pictures --out a --episode -1 | episode must be at least 0, got -1
 other_eyes pictures --out a --sources owl-vit | detector must be the Hugging Face name or the folder of a model of OWL
 other_eyes acts a.png b --kind put-block-in-bowl-seen-colors | checkpoints must be at least two, got 1
 other_eyes acts a.png b c --kind put-block-in-bowl-seen-colors --scenes 0 | scenes must be at least 1, got 0
+other_eyes acts a.png {BOWL_POLICY} {SORTING_POLICY} --kind put-block-in-bowl-seen-colors | m; that of put-block-in
 other_eyes peaks --scenes 0 | scenes must be at least 1, got 0
 other_eyes peaks --kinds bowls | kinds must be of put-block-in-bowl-seen-colors, pick-object-part-in-brown-box-seen,
 other_eyes peaks --sources eyes | no map source is named 'eyes'; the nearest names:
@@ -267,7 +268,7 @@ real_tables kernels none.safetensors | the checkpoint none.safetensors is not co
 real_tables displaced --episodes 0 | episodes must be at least 1, got 0
 real_tables color-bias --scenes 0 | scenes must be at least 1, got 0
 sensor_noise --checkpoint none.safetensors | the checkpoint none.safetensors is not complete
-sensor_noise --task object-sorting-seen | was trained for a table 1.0 m long; the task's is
+sensor_noise --task object-sorting-seen | m; that of object-sorting-seen is x 0.235 to 0.765 m, y
 sensor_noise --episodes 0 | episodes must be at least 1, got 0
 sensor_noise --kinds weather | kinds must be of none, all, disparity,
 """

@@ -7,6 +7,8 @@ import pytest
 
 from experiments.planning import nouns
 from experiments.planning.scenes import KINDS, MEMBERS
+from gem_lite import clip
+from gem_lite.cli.plan import plan
 from gem_lite.language import Queries, Spot, models
 from gem_lite.maps import refusal, relations, things
 from gem_lite.planning import belonging, goals
@@ -426,3 +428,8 @@ def test_no_noun_for_development_names_an_object_or_is_a_noun_of_the_library():
     assert not development & {*objects.NAMES, *belonging.NOUNS}
     assert not {*objects.NAMES} & {*belonging.NOUNS}
     assert {name for names in MEMBERS.values() for name in names} <= {*objects.NAMES}
+
+
+def test_a_plan_is_not_carried_out_by_a_policy_of_another_table():
+    with pytest.raises(ValueError, match="m; that of put-block-in-bowl-seen-colors is x"):
+        plan(ALL_TOYS, task="put-block-in-bowl-seen-colors", policy=clip.DATA / "gem-object-sorting.safetensors")

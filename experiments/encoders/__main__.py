@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from tqdm import tqdm
 
 from gem_lite import clip, tasks
+from gem_lite.evaluation.evaluate import check_table
 from gem_lite.policies.base import Policy
 from gem_lite.policies.checkpoints import load_policy
 from gem_lite.policies.inputs import Inputs
@@ -51,6 +52,10 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=5, help="number of scenes (default: %(default)s)")
     arguments = parser.parse_args()
     model = clip.load()
+    policies = {path: load_policy(path, model) for path in arguments.checkpoints}
+    asked = tasks.make(arguments.task, "val").workspace
+    for path, trained in policies.items():
+        check_table(path, trained.config.workspace, asked, arguments.task)
     episodes = []
     with World() as world:
         for index in range(arguments.scenes):
@@ -58,8 +63,7 @@ def main() -> None:
             (observation,) = world.reset(task, tasks.episode_seed("val", index))
             episodes.append((observation, task.instruction))
     print(f"largest relative error of the features, mean over {arguments.scenes} scenes; {', '.join(KINDS)} turns")
-    for path in arguments.checkpoints:
-        trained = load_policy(path, model)
+    for path, trained in policies.items():
         untrained = type(trained)(trained.config, model, trained.memory, seed=0)
         for role in trained.roles:
             errors = np.zeros((2, arguments.scenes, len(KINDS)))

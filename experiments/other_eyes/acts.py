@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from experiments.other_eyes import scenes
 from gem_lite import clip
+from gem_lite.evaluation.evaluate import check_table
 from gem_lite.language import Queries
 from gem_lite.policies.checkpoints import load_policy
 from gem_lite.policies.gem import Gem
@@ -35,7 +36,8 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
         For each policy, the number of the `SCENES` on which it picks the named thing.
 
     Raises:
-        ValueError: another kind, fewer than two checkpoints, one that is not of GEM, or ``count`` below 1.
+        ValueError: another kind, fewer than two checkpoints, one that is not of GEM or is of another table, or
+            ``count`` below 1.
         OSError: a checkpoint cannot be read, or the picture cannot be written.
     """
     if kind not in (scenes.BOWLS, scenes.PARTS):
@@ -48,6 +50,9 @@ def draw(picture: Path, kind: str, checkpoints: Sequence[Path], count: int, clip
     policies = [load_policy(path, model).eval() for path in checkpoints]
     if others := [policy.name for policy in policies if not isinstance(policy, Gem)]:
         raise ValueError(f"checkpoints must be of GEM, whose maps can be drawn, got {', '.join(others)}")
+    asked = scenes.configuration(kind).workspace
+    for path, policy in zip(checkpoints, policies, strict=True):
+        check_table(path, policy.config.workspace, asked, kind)
     panels: list[tuple] = []
     totals = [0] * len(policies)
     with scenes.world_of(kind) as world:

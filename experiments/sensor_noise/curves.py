@@ -144,11 +144,7 @@ def measure(
     if unknown:
         raise ValueError(f"kinds must be of {', '.join(known)}, got {', '.join(unknown)}")
     policy = load_policy(checkpoint, clip.load())
-    trained, asked = (one.workspace.length for one in (policy.config, tasks.make(task, split)))
-    if trained != asked:
-        raise ValueError(
-            f"the checkpoint {checkpoint} was trained for a table {trained} m long; the task's is {asked} m"
-        )
+    evaluate.check_table(checkpoint, policy.config.workspace, tasks.make(task, split).workspace, task)
     facts = {"method": policy.name, "task": task, **results.policy_entries(read_card(checkpoint), policy.config)}
     facts |= {"world": world, "split": split, "start": 0, "error_seed": seed}
     rows = results.read_rows(out)

@@ -30,6 +30,7 @@ def plan(
     """
     from gem_lite import clip as clips
     from gem_lite import tasks
+    from gem_lite.evaluation.evaluate import check_table
     from gem_lite.language import models
     from gem_lite.planning import goals
     from gem_lite.planning.belonging import Belonging
@@ -44,6 +45,7 @@ def plan(
     acting = checkpoints.load_policy(policy, clips.load(clip))
     if not isinstance(acting, gem.Gem):
         raise ValueError(f"{policy} must be a checkpoint of gem, got {acting.name}: the planner looks at its maps")
+    check_table(policy, acting.config.workspace, scene.workspace, task)
     planner = Planner(asked, Belonging(models.load(model)), objects.NAMES, acting.source, acting.parser)
     with Table(style=looks.style(world)) as table:
         (observation,) = table.reset(scene, tasks.episode_seed(split, episode))
