@@ -279,6 +279,24 @@ def test_files_that_the_manifest_does_not_name_stay_and_a_damaged_episode_is_wri
     assert len(list(copied.glob("episode-*"))) == 2
 
 
+def test_hidden_folders_are_no_episodes_and_no_steps(copied, tmp_path):
+    whole = load(copied)
+    (episode(copied, 0) / "step-1" / ".ipynb_checkpoints").mkdir()
+    (episode(copied, 0) / "step-1" / ".ipynb_checkpoints" / "action.json").write_text("{}")
+    assert seeds(load(copied)) == seeds(whole)
+    recorded = tmp_path / "my-task"
+    step = whole[0].steps[0]
+    step.save(recorded / "episode-1" / "step-1")
+    for folder in (recorded, recorded / "episode-1"):
+        (folder / ".ipynb_checkpoints").mkdir()
+    (own,) = load(recorded)
+    assert len(own.steps) == 1
+    view = step.observation.views[0]
+    hidden = Observation((dataclasses.replace(view, camera=dataclasses.replace(view.camera, name=".front")),))
+    with pytest.raises(ValueError, match="without a dot in front"):
+        hidden.save(tmp_path / "hidden")
+
+
 @pytest.mark.parametrize(
     "action",
     [PickPlace(Pose2(0.4, 0.1, 0.2), Pose2(0.6, -0.1, 1.2), 1, 0), Push(Pose2(0.4, 0.1), Pose2(0.5, 0.0), table=2)],

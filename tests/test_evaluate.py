@@ -41,6 +41,14 @@ def test_random_actor_scores_little_and_repeats(blind):
     assert actions[0] == actions[1] != actions[2]
 
 
+def test_a_random_push_has_a_length():
+    table = LITE.for_table((0.4, 0.4125, -0.00625, 0.00625))
+    actor = actors.random_actor(table, 0)
+    pusher = SimpleNamespace(effector=SimpleNamespace(actions=(Push,)))
+    pushes = [actor(pusher, None) for _ in range(50)]
+    assert all((push.start.x, push.start.y) != (push.end.x, push.end.y) for push in pushes)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -80,6 +80,13 @@ def test_a_group_is_all_old_after_a_rename_that_failed(tmp_path, monkeypatch, nu
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == old
 
 
+def test_a_new_group_is_not_there_in_part_after_an_error(tmp_path):
+    (tmp_path / "last").mkdir()
+    with pytest.raises(OSError, match="last"):
+        write_together({tmp_path / "first": b"new", tmp_path / "last": b"new"})
+    assert [path.name for path in tmp_path.iterdir()] == ["last"]
+
+
 @pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()], ids=["full disk", "stopped"])
 def test_a_write_that_failed_leaves_no_temporary_file(tmp_path, monkeypatch, error):
     write_atomically(tmp_path / "file", b"old")

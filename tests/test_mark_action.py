@@ -79,20 +79,24 @@ def test_keep_hands_the_action_over_once_and_a_refusal_is_shown():
     press_keep(widget)
     assert kept[1:] == [(PickPlace(ACTION.pick, Pose2(0.5, 0)), SENTENCE)]
 
-    def refuse(action, sentence):
-        raise ValueError("the bowl has no colour")
+    for error in (ValueError("the bowl has no colour"), PermissionError("the folder cannot be written")):
 
-    refused = MarkAction(table(), ACTION, SENTENCE)
-    refused.on_keep(refuse)
-    press_keep(refused)
-    assert refused.problem == "the bowl has no colour" and not refused.is_kept
+        def refuse(action, sentence, error=error):
+            raise error
+
+        refused = MarkAction(table(), ACTION, SENTENCE)
+        refused.on_keep(refuse)
+        press_keep(refused)
+        assert refused.problem == str(error) and not refused.is_kept
 
 
 def test_a_stored_copy_says_what_to_do_and_a_still_picture_shows_both_marks_and_the_sentence():
     bundle, _ = MarkAction(table())._repr_mimebundle_()
     assert "live notebook" in bundle["text/plain"]
-    figure = show_marked(table(), ACTION, SENTENCE)
-    assert figure.get_suptitle() == f'"{SENTENCE}"'
+    sentence = r"put the $5 bill beside the $\foo$ bill"
+    figure = show_marked(table(), ACTION, sentence)
+    figure.canvas.draw()  # No part of a sentence is a formula.
+    assert figure.get_suptitle() == f'"{sentence}"'
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["pick", "place"]
     plt.close(figure)

@@ -105,6 +105,8 @@ def test_what_a_visitor_types_is_checked(visitor):
         visitor.lay("pack-everything", 0)
     with pytest.raises(ValueError, match="index must be in"):
         visitor.lay(TASK, -1)
+    with pytest.raises(ValueError, match="object-sorting-seen has another table than the one that the policy"):
+        visitor.lay("object-sorting-seen", 0)
     visitor.lay(TASK, 0)
     with pytest.raises(ValueError, match="at most 300 characters, got 301"):
         visitor.ask("a" * 301)

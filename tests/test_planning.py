@@ -10,6 +10,7 @@ from experiments.planning.scenes import KINDS, MEMBERS
 from gem_lite import clip
 from gem_lite.cli.plan import plan
 from gem_lite.language import Queries, Spot, models
+from gem_lite.language.phrases import plural
 from gem_lite.maps import refusal, relations, things
 from gem_lite.planning import belonging, goals
 from gem_lite.planning.belonging import Belonging
@@ -428,6 +429,12 @@ def test_no_noun_for_development_names_an_object_or_is_a_noun_of_the_library():
     assert not development & {*objects.NAMES, *belonging.NOUNS}
     assert not {*objects.NAMES} & {*belonging.NOUNS}
     assert {name for names in MEMBERS.values() for name in names} <= {*objects.NAMES}
+
+
+@pytest.mark.parametrize("kind", ["toy", "tool", "box", "dish", "brush", "watch"])
+def test_the_singular_of_a_plural(kind):
+    assert belonging.singular(plural(kind)) == kind
+    assert (belonging.singular("food"), belonging.singular("glasses")) == ("food", "glass")
 
 
 def test_a_plan_is_not_carried_out_by_a_policy_of_another_table():

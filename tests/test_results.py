@@ -109,6 +109,15 @@ def test_a_row_is_replaced_by_one_as_long_and_never_by_a_shorter_or_an_older_kin
     assert score(path, seed=1).rewards.shape == (1, 41) and len(results.read_rows(path)) == 3
 
 
+def test_what_was_measured_is_printed_if_it_cannot_be_filed(path, capsys):
+    with path.open("a") as file:
+        file.write('{"method": "ge')
+    row = row_of(np.ones(40), seed=7)
+    with pytest.raises(ValueError, match=r"line 4 of .* is cut off"):
+        results.file_rows([row], path)
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(row))
+
+
 def test_a_row_that_names_no_skipped_episodes_skipped_none(path):
     older = [{name: value for name, value in row.items() if name != "skipped"} for row in results.read_rows(path)]
     path.write_text("".join(json.dumps(row) + "\n" for row in older))

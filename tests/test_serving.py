@@ -111,9 +111,11 @@ def test_openpis_client_gets_poses_a_refusal_and_times_from_the_command(multi, t
         (pack({"prompt": SENTENCE}), "the message lacks colors, depths, intrinsics, poses"),
         (pack(request(depths=[np.zeros(3)] * len(SCENE.views))), "depths (H, W), got"),
         (pack(request(colors=7)), "colors must be a list with an array for each camera, got int"),
+        (pack(request(colors=np.array(7))), "colors must be a list with an array for each camera, got ndarray"),
         (pack(request(poses=[])), "must be equally many"),
         (pack(request(empty_picks=np.zeros(2))), "empty_picks must be an array (N, 3)"),
         (pack(request(empty_picks={"a": 1})), "empty_picks must be an array (N, 3)"),
+        (pack(request(empty_picks=np.array([[0.5, 0, 0], [np.nan, 0, 0]]))), "empty_picks must be finite numbers"),
         (msgpack.packb({b"__npgeneric__": True, b"data": 300, b"dtype": "|i1"}), "the message is damaged"),
         (msgpack.packb({b"__ndarray__": True, b"data": b"ab", b"dtype": "|O", b"shape": [1]}), "must hold numbers"),
         (

@@ -199,6 +199,11 @@ def test_a_tag_and_a_board_give_the_pose():
             table_pose.tag_points(rgb, number, side, Pose2(0.5, 0.0))
 
     board = cv2.aruco.CharucoBoard((5, 7), 0.06, 0.045, tags.DICTIONARY)
+    drawn = np.pad(board.generateImage((500, 700)), 70, constant_values=255)
+    pixels, places = table_pose.board_points(np.repeat(drawn[..., None], 3, 2), (5, 7), 0.06, 0.045, Pose2(0.0, 0.0))
+    by_row = np.lexsort(np.round(pixels).T)
+    corners = [(70 + 100 * col, 70 + 100 * row) for row in range(1, 7) for col in range(1, 5)]
+    assert np.allclose(pixels[by_row], corners, atol=0.05), "the upper left edge of a picture is (0, 0)"
     camera, rgb, depth = printed(board.generateImage((500, 700)), (0.35, -0.2), 0.42)
     pixels, places = table_pose.board_points(rgb, (5, 7), 0.06, 0.045, Pose2(0.35, -0.2))
     found = table_pose.pose_from_points(plane, pixels, places, camera.matrix)

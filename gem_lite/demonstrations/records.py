@@ -246,7 +246,7 @@ class Demonstration:
         folder = Path(folder).resolve()
         if not folder.is_dir():
             raise FileNotFoundError(f"{folder} is no folder")
-        parts = sorted((part for part in folder.iterdir() if part.is_dir()), key=natural_order)
+        parts = sorted((part for part in folder.iterdir() if part.is_dir() and not is_hidden(part)), key=natural_order)
         if not parts:
             raise FileNotFoundError(f"{folder} holds no recorded episode: there is no folder of a step in it")
         steps = []
@@ -268,6 +268,11 @@ class Demonstration:
         facts = {name: getattr(self, name) for name in ("task", "split", "seed", "world")}
         contents[folder / EPISODE_FILE] = json.dumps({"version": 1, **facts}, indent=1).encode()
         return contents
+
+
+def is_hidden(path: Path) -> bool:
+    """Whether a name begins with a dot, as those of the folders that JupyterLab makes: no episode or step has it."""
+    return path.name.startswith(".")
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

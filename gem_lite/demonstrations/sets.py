@@ -23,7 +23,7 @@ from pydantic import Field, model_validator
 from typing_extensions import override
 
 from gem_lite.demonstrations import packed
-from gem_lite.demonstrations.records import ACTION_FILE, EPISODE_FILE, Demonstration, natural_order
+from gem_lite.demonstrations.records import ACTION_FILE, EPISODE_FILE, Demonstration, is_hidden, natural_order
 from gem_lite.foundations.files import FileSequence, read_verified, write_atomically, write_together, writing
 from gem_lite.foundations.forms import Form, Text, Whole
 
@@ -103,7 +103,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _recorded(folder: Path) -> dict[str, str]:
     """The recorded episodes of a folder without a manifest, with their SHA-256."""
-    episodes = sorted((path for path in folder.iterdir() if path.is_dir()), key=natural_order)
+    episodes = sorted((path for path in folder.iterdir() if path.is_dir() and not is_hidden(path)), key=natural_order)
     for path in episodes:
         if (path / EPISODE_FILE).exists():
             raise FileNotFoundError(f"{folder} is no whole set: it holds {path.name}, but no {MANIFEST_FILE}")
@@ -119,9 +119,10 @@ def _verify(path: Path, digest: str) -> None:
 
 
 def _sum_of(episode: Path) -> str:
-    """The SHA-256 of an episode's folder."""
-    paths = (path for path in episode.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return _sum({path.relative_to(episode): path.read_bytes() for path in paths})
+    """The SHA-256 of an episode's folder, without its hidden files and folders."""
+    files = {path.relative_to(episode): path for path in episode.rglob("*") if path.is_file()}
+    shown = {name: path for name, path in files.items() if not any(map(is_hidden, (name, *name.parents[:-1])))}
+    return _sum({name: path.read_bytes() for name, path in shown.items()})
 
 
 def _sum(contents: Mapping[Path, bytes]) -> str:

@@ -96,7 +96,8 @@ class MarkAction(anywidget.AnyWidget):
     def on_keep(self, function: Keep) -> None:
         """Call a function with the action and the sentence each time the person presses "keep".
 
-        It may refuse them with a ValueError: the person then reads its text. What it prints is not shown.
+        It may refuse them with a ValueError, or fail with an OSError, as on a full disk: the person then reads the
+        error's text. What it prints is not shown.
         """
         self._keeps.append(function)
 
@@ -121,7 +122,7 @@ class MarkAction(anywidget.AnyWidget):
         try:
             for function in self._keeps:
                 function(_action(kept["pick"], kept["place"]), kept["sentence"])
-        except ValueError as error:
+        except (ValueError, OSError) as error:
             self.kept = {}
             self.problem = str(error)
 

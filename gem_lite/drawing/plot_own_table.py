@@ -73,6 +73,7 @@ def show_look(
     draw_from_above(bare(axes[0], "from above"), heightmap)
     for ax, (phrase, semantic) in zip(axes[1:], maps.items(), strict=True):
         image = bare(ax, f'"{phrase}"').imshow(semantic, cmap=MAP_COLORS, vmin=0, vmax=1)
+        ax.title.set_parse_math(False)
         for number, place in enumerate(places[phrase], 1):
             row, col = workspace.to_pixel(place.x, place.y)
             ax.text(col, row, str(number), color="white", ha="center", va="center", path_effects=OUTLINE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
@@ -70,15 +71,15 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
         if action is not None:
             draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
             draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
-        x_ticks = np.arange(0.3, w.x_max, 0.2)
-        y_ticks = np.arange(-0.4, w.y_max, 0.2)
+        x_ticks = np.arange(0.2 * math.ceil((w.x_min - 0.1) / 0.2) + 0.1, w.x_max, 0.2)
+        y_ticks = np.arange(0.2 * math.ceil(w.y_min / 0.2), w.y_max, 0.2)
         ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
         ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
         ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
         ax.set_title(name, fontsize=9)
     if action is not None:
         fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
-    fig.suptitle(title, fontsize=10)
+    fig.suptitle(title, fontsize=10, parse_math=False)
     return fig
 
 

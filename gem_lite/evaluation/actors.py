@@ -61,7 +61,10 @@ def random_actor(config: Config, seed: int) -> Actor:
 
     def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> Action:
         action_type = environment.effector.actions[0]
-        return action_type(pose(), pose())
+        first, second = pose(), pose()
+        while action_type is Push and (first.x, first.y) == (second.x, second.y):
+            second = pose()  # A push has a length.
+        return action_type(first, second)
 
     return actor
 

@@ -139,11 +139,16 @@ def check_table(checkpoint: Path, trained: Workspace, asked: Workspace, name: st
     Raises:
         ValueError: the limits of the two tables differ, rounded to a millimetre.
     """
-    if _limits(trained) != _limits(asked):
+    if not is_same_table(trained, asked):
         raise ValueError(
             f"the checkpoint {checkpoint} was trained for a table {_limits(trained)}; that of {name} is "
             f"{_limits(asked)}"
         )
+
+
+def is_same_table(first: Workspace, second: Workspace) -> bool:
+    """Whether two tables have the same limits, rounded to a millimetre. Their cells may have different sizes."""
+    return _limits(first) == _limits(second)
 
 
 def _limits(workspace: Workspace) -> str:

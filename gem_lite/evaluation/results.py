@@ -199,11 +199,11 @@ def _check_names(rows: Sequence[dict], path: Path, identity: Sequence[str]) -> N
 def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTITY) -> None:
     """Append rows to a JSON-lines file. An old row with the same ``identity`` is replaced.
 
-    One process at a time reads and writes the file; the others wait. If the file cannot be written, the rows are
-    printed, so that what was measured is not lost.
+    One process at a time reads and writes the file; the others wait. After an error the rows are printed, so that what
+    was measured is not lost.
 
     Raises:
-        ValueError: see `check_rows`; nothing is written then.
+        ValueError: see `check_rows`, or the file holds a line that is no row; nothing is written then.
         OSError: the file cannot be written.
     """
     try:
@@ -213,7 +213,9 @@ def file_rows(rows: Sequence[dict], path: Path, identity: Sequence[str] = IDENTI
             new_keys = {_key(row, identity) for row in rows}
             kept = [row for row in read_rows(path) if _key(row, identity) not in new_keys]
             write_atomically(path, "".join(json.dumps(row) + "\n" for row in [*kept, *rows]).encode())
-    except OSError as error:
+    except (OSError, ValueError) as error:
         for row in rows:
             print(json.dumps(row))
+        if isinstance(error, ValueError):
+            raise
         raise OSError(f"{path} cannot be written, its rows are printed instead: {error}") from error

@@ -68,9 +68,9 @@ def write_atomically(path: Path, content: bytes) -> None:
 def write_together(contents: Mapping[Path, bytes]) -> None:
     """Write files that belong together. A file that names others must come after them.
 
-    After an error all old files are there, unchanged. If the process is killed, all files are old, all are new, or the
-    last one is missing: a reader that begins with the last file never gets a mixture. Only one process at a time may
-    write several files (`writing`); a single file may have any number of writers.
+    After an error all old files are there, unchanged, and no new ones. If the process is killed, all files are old, all
+    are new, or the last one is missing: a reader that begins with the last file never gets a mixture. Only one process
+    at a time may write several files (`writing`); a single file may have any number of writers.
 
     Raises:
         OSError: a file cannot be written.
@@ -78,6 +78,7 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
     token = uuid.uuid4().hex[:12]
     fresh = {path: path.with_name(f"{path.name}.{token}.part") for path in contents}
     old: dict[Path, Path] = {}
+    renamed: list[Path] = []
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +92,11 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
                     os.replace(path, old[path])
         for path, complete in fresh.items():
             os.replace(complete, path)
+            if len(contents) > 1:  # A single file has no old version left to go back to.
+                renamed.append(path)
     except BaseException:
+        for path in renamed:
+            path.unlink()
         for path, kept in old.items():
             if kept.exists():
                 os.replace(kept, path)

@@ -13,7 +13,8 @@ import gradio
 import matplotlib
 
 from gem_lite import tasks
-from gem_lite.page.session import LONGEST_SENTENCE, Session, Shown, check_size
+from gem_lite.evaluation.evaluate import is_same_table
+from gem_lite.page.session import LONGEST_SENTENCE, SPLIT, Session, Shown, check_size
 from gem_lite.policies.gem import Gem
 
 IDLE = 900
@@ -34,12 +35,19 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
 
     Args:
         policy: in evaluation mode; all visitors share it, one after the other.
-        names: of the tasks that a visitor may choose.
+        names: of tasks. A visitor may choose those whose table is the policy's.
+
+    Raises:
+        ValueError: none of the tasks has the policy's table.
     """
+    offered = [name for name in names if is_same_table(tasks.make(name, SPLIT).workspace, policy.config.workspace)]
+    if not offered:
+        raise ValueError("no task has the table that the policy was trained for")
     matplotlib.use("Agg")
     plain = gradio.themes.Base(font=["sans-serif"], font_mono=["monospace"])  # no fonts from elsewhere
     page = gradio.Blocks(title="gem_lite", analytics_enabled=False, delete_cache=(60, IDLE))
     page.theme = plain
+    first = FIRST_TASK if FIRST_TASK in offered else offered[0]
     visitors: list[Session] = []
     turn = threading.Lock()  # gradio ends a session outside of its queue
 
@@ -56,7 +64,7 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
         with gradio.Row():
             with gradio.Column(scale=1):
                 with gradio.Tab("A simulated table"):
-                    task = gradio.Dropdown(list(names), value=FIRST_TASK, label="task")
+                    task = gradio.Dropdown(offered, value=first, label="task")
                     episode = gradio.Number(value=0, precision=0, minimum=0, maximum=999_999, label="scene number")
                     lay = gradio.Button("lay the table", elem_id="lay")
                 with gradio.Tab("Your pictures"):
@@ -84,6 +92,8 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
                     with turn:
                         shown = does(visitor, *values)
                 except ValueError as error:
+                    if known is None:
+                        end(visitor)  # Nobody else has it: its world would stay open.
                     return known, f"Not possible: {error}.", gradio.skip()
                 if visitor not in visitors:
                     visitors.append(visitor)

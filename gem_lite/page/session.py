@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from gem_lite import tasks
 from gem_lite.actions import PickPlace
 from gem_lite.drawing import plot_own_table, plots
+from gem_lite.evaluation.evaluate import is_same_table
 from gem_lite.maps import places
 from gem_lite.maps.refusal import refusal
 from gem_lite.policies import robot_plan
@@ -67,9 +68,12 @@ class Session:
         """Lay the table of a task's episode in the simulator.
 
         Raises:
-            ValueError: there is no such task or episode, or the policy cannot see it.
+            ValueError: there is no such task or episode, it has another table than the policy's, or the policy cannot
+                see it.
         """
         fresh = tasks.make(task, SPLIT)
+        if not is_same_table(fresh.workspace, self.policy.config.workspace):
+            raise ValueError(f"{task} has another table than the one that the policy was trained for")
         seed = tasks.episode_seed(SPLIT, episode)
         if self._world is None:
             self._world = World()

@@ -47,8 +47,8 @@ def with_article(name: str) -> str:
 
 
 def singular(kind: str) -> str:
-    """As "toy" to "toys"; "food" stays."""
-    return kind.removesuffix("s")
+    """As "toy" of "toys" and "box" of "boxes"; "food" stays."""
+    return kind.removesuffix("es" if kind.endswith(("xes", "shes", "ches", "sses")) else "s")
 
 
 def list_scores(model: Scorer, names: Sequence[str], kinds: Sequence[str]) -> np.ndarray:

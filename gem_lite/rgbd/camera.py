@@ -94,14 +94,14 @@ def checked_intrinsics(value: object, name: str) -> np.ndarray:
     """Intrinsics as a (3, 3) array.
 
     Raises:
-        ValueError: ``value`` is not (3, 3) finite numbers, a focal length is not positive, or the last row is not
-            0 0 1. The message begins with ``name``.
+        ValueError: ``value`` is not (3, 3) finite numbers, a focal length is not positive, the first entry of the
+            second row is not 0, or the last row is not 0 0 1. The message begins with ``name``.
     """
 
     def is_right(matrix: np.ndarray) -> bool:
-        return min(matrix[0, 0], matrix[1, 1]) > 0 and matrix[2].tolist() == [0, 0, 1]
+        return min(matrix[0, 0], matrix[1, 1]) > 0 and matrix[1, 0] == 0 and matrix[2].tolist() == [0, 0, 1]
 
-    wanted = "(3, 3) finite numbers with positive focal lengths and the last row 0 0 1"
+    wanted = "(3, 3) finite numbers: positive focal lengths, a 0 below the first, and the last row 0 0 1"
     return _checked(value, name, 3, is_right, wanted)
 
 

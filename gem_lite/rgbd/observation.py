@@ -184,8 +184,8 @@ class Observation:
                 f"depth_scale must be the metres of one step, above 0 and at most {LARGEST_SCALE}, got {depth_scale}"
             )
         names = [view.camera.name for view in self.views]
-        if len(set(names)) < len(names) or any("/" in name or not name for name in names):
-            raise ValueError(f"views must have different names without a slash, got {names}")
+        if len(set(names)) < len(names) or any("/" in name or name[:1] in ("", ".") for name in names):
+            raise ValueError(f"views must have different names without a slash and without a dot in front, got {names}")
         contents: dict[Path, bytes] = {}
         entries = []
         for view in self.views:

@@ -248,7 +248,8 @@ def board_points(
         )
     local = np.array(pattern.getChessboardCorners(), float)[numbers.ravel(), :2]
     local[:, 1] = squares[1] * square - local[:, 1]  # OpenCV counts rows from the top.
-    return pixels.reshape(-1, 2).astype(float), _placed(local, board)
+    # For OpenCV's boards, the middle of the first pixel is (0, 0).
+    return pixels.reshape(-1, 2).astype(float) + 0.5, _placed(local, board)
 
 
 def level_planes(clouds: Sequence[np.ndarray], positions: Sequence[np.ndarray]) -> list[Plane]:

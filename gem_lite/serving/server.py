@@ -96,12 +96,14 @@ def _read(message: object) -> tuple[Observation, str, Sequence[Pose2]]:
     if not isinstance(message["prompt"], str):
         raise ValueError(f"prompt must be a text, got {type(message['prompt']).__name__}")
     for name in ARRAYS:
-        if not isinstance(message[name], list | np.ndarray):
+        if not isinstance(message[name], list | np.ndarray) or getattr(message[name], "ndim", 1) == 0:
             raise ValueError(f"{name} must be a list with an array for each camera, got {type(message[name]).__name__}")
     given = message.get("empty_picks", np.zeros((0, 3)))
     if not isinstance(given, np.ndarray) or given.ndim != 2 or given.shape[1] != 3:
         raise ValueError("empty_picks must be an array (N, 3)")
     picks = given.astype(float)
+    if not np.isfinite(picks).all():
+        raise ValueError("empty_picks must be finite numbers")
     observation = Observation.from_arrays(*(message[name] for name in ARRAYS))
     return observation, message["prompt"], [Pose2(*pick) for pick in picks.tolist()]
 
