@@ -35,7 +35,8 @@ COLORS = {"rgb8": (3, None), "bgr8": (3, cv2.COLOR_BGR2RGB), "rgba8": (4, cv2.CO
 def write(folder: Path, frame: RawView) -> None:
     """Write a frame as a camera of a scene. Other cameras stay; a frame without a pose keeps that of its name.
 
-    Raises: as `Observation.save`; ValueError if colour and depth differ in size, or another camera has these files.
+    Raises: as `Observation.save`; OSError if another process writes into the scene; ValueError if colour and depth
+    differ in size, or another camera has these files.
     """
     pose = np.eye(4) if frame.pose is None else frame.pose
     observation = Observation.from_arrays(
@@ -46,20 +47,23 @@ def write(folder: Path, frame: RawView) -> None:
     scene = json.loads(contents[cameras])
     if frame.pose is None:
         del scene["cameras"][0]["pose"]
-    if cameras.exists():
-        before = _json(cameras)
-        named = [entry for entry in before["cameras"] if entry["name"] == frame.name]
-        others = [entry for entry in before["cameras"] if entry["name"] != frame.name]
-        (fresh,) = scene["cameras"]
-        taken = {entry[kind] for entry in others for kind in ("color", "depth")}
-        if taken & {fresh["color"], fresh["depth"]}:
-            raise ValueError(f"{cameras}: another camera has the pictures of {frame.name}: give another name")
-        if frame.pose is None and named and "pose" in named[0]:
-            fresh["pose"] = named[0]["pose"]  # new pictures of a camera that stands where it stood
-        scene = {**before, "cameras": [*others, *scene["cameras"]]}
-    contents[cameras] = json.dumps(scene, indent=1).encode()
     with writing(folder):
-        write_together(contents)
+        if cameras.exists():
+            scene = _joined(_json(cameras), scene, cameras)
+        write_together(contents | {cameras: json.dumps(scene, indent=1).encode()})
+
+
+def _joined(before: Mapping[str, Any], scene: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
+    """What cameras.json held ``before``, with the one camera of ``scene`` added or replaced."""
+    (fresh,) = scene["cameras"]
+    named = [entry for entry in before["cameras"] if entry["name"] == fresh["name"]]
+    others = [entry for entry in before["cameras"] if entry["name"] != fresh["name"]]
+    taken = {entry[kind] for entry in others for kind in ("color", "depth")}
+    if taken & {fresh["color"], fresh["depth"]}:
+        raise ValueError(f"{path}: another camera has the pictures of {fresh['name']}: give another name")
+    if "pose" not in fresh and named and "pose" in named[0]:
+        fresh["pose"] = named[0]["pose"]  # new pictures of a camera that stands where it stood
+    return {**before, "cameras": [*others, fresh]}
 
 
 def read_bop(scene: Path, number: int, name: str = "front") -> RawView:

@@ -4,7 +4,9 @@ import os
 import pickle
 import re
 import shutil
+import types
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -248,3 +250,9 @@ def test_a_gpu_gives_the_same_embeddings():
     pictures = np.random.default_rng(0).integers(0, 255, (8, 40, 40, 3), dtype=np.uint8)
     assert torch.allclose(there.embed_images(pictures).cpu(), here.embed_images(pictures), atol=1e-3)
     assert torch.allclose(there.embed_texts(["red block"]).cpu(), here.embed_texts(["red block"]), atol=1e-3)
+
+
+def test_an_empty_cache_variable_counts_as_none(monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    some = types.SimpleNamespace(folder=None, fingerprint="abc")
+    assert calibration.path_for(some) == Path.home() / ".cache" / "gem_lite" / "calibration-abc.json"

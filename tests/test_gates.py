@@ -12,8 +12,9 @@ from small import SMALL, small
 from gem_lite import clip, tasks
 from gem_lite.actions import PickPlace, Push
 from gem_lite.language import Queries
+from gem_lite.maps.relations import NoFreePlaceError
 from gem_lite.policies import checkpoints, methods
-from gem_lite.policies.choosing import Gate, best_cells, gated, log_probability, near_peak, untried
+from gem_lite.policies.choosing import Gate, best_cells, gated, log_probability, near_peak, place_gate, untried
 from gem_lite.policies.gem import Gem
 from gem_lite.policies.gem_config import LITE
 from gem_lite.policies.inputs import Inputs
@@ -171,6 +172,20 @@ def test_no_act_changes_nothing(monkeypatch):
     assert chosen.place_cell == (2, 40, 40) and isinstance(chosen.action, PickPlace)
     pushed = choose(policy, monkeypatch, pick, place, push=True)
     assert pushed.place_cell == (0, 90, 20) and isinstance(pushed.action, Push)
+
+
+def test_a_push_without_a_place_is_refused(monkeypatch):
+    gates = {"place": place_gate(spots((40, 40, 1.0)), FLAT)}
+    with pytest.raises(NoFreePlaceError, match="no act leads to a place 'square': a push stays on its table"):
+        choose(policy_of(), monkeypatch, scores_at((0, 40, 40, 2.0)), scores_at(), push=True, gates=gates)
+
+
+@pytest.mark.parametrize("highest", [0.05, 0.25, 1.0])
+def test_the_gate_of_a_place_is_where_its_map_is_above_zero(highest):
+    place = spots((40, 40, highest), (41, 40, highest / 2))
+    raised = torch.full(SHAPE, 0.01)  # all of the table is as high as a flat thing
+    (left,) = gated([{"place": place_gate(place, raised)}], "place", EVERYWHERE[None])
+    assert torch.equal(left, place > 0)
 
 
 @pytest.mark.parametrize("training", [True, False])

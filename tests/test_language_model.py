@@ -46,6 +46,19 @@ def test_many_texts_are_scored_in_several_passes(small_model, monkeypatch):
     assert models._chunks([[1, 2], [3], [4, 5, 6, 7], [8]]) == [[0, 1], [2], [3]]
 
 
+def test_a_model_that_was_interrupted_scores_as_before(small_model, monkeypatch):
+    before = small_model.scores(PROMPT, TEXTS)
+    for method in ("_forget", "_score"):
+
+        def interrupt(*arguments):
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(small_model, method, interrupt)
+            small_model.scores(PROMPT.replace("red", "blue"), TEXTS)
+        assert small_model.scores(PROMPT, TEXTS) == pytest.approx(before, abs=2e-3)
+
+
 def test_empty_and_too_long_texts_are_refused_and_the_model_answers(small_model):
     for prompt, texts in (("", [" mug"]), (PROMPT, [" mug", ""])):
         with pytest.raises(ValueError, match="empty"):
@@ -194,6 +207,11 @@ def test_an_answer_that_is_not_of_the_sentences_words_is_asked_about(text):
 def test_an_answer_of_the_sentences_words_is_believed():
     text = 'Sure!\n{"pick": "the Yellow block", "place": "green bowl"}\nAnything else?'
     assert understand(SENTENCE, AskingParser(Answers(text))) == (Queries("yellow block", "green bowl"),)
+    beside = AskingParser(Answers('{"pick": "fork", "place": "mug"}'))
+    assert understand("I would like the fork left of the mug", beside) == (Queries("fork", "left of mug"),)
+    pushing = AskingParser(Answers('{"pick": "pile of red blocks", "place": "green square"}'))
+    (queries,) = understand("You should now push the pile of red blocks into the green square", pushing)
+    assert queries == Queries("pile of red blocks", "green square", push=True)
     assert pick_and_place("no JSON") == (None, None)
     assert spoken("", SENTENCE) is None and spoken("the", SENTENCE) is None
 

@@ -23,6 +23,7 @@ from gem_lite.rgbd.heightmap import fuse_views
 from gem_lite.se2 import Pose2, angle_off
 from gem_lite.simulation import looks, mobile_world
 from gem_lite.simulation.bodies import shapes, tag_plates
+from gem_lite.simulation.environment import Environment
 from gem_lite.simulation.mobile_world import MobileWorld, RobotBody, side_by_side
 from gem_lite.simulation.world import World
 from gem_lite.steerable import SteerableKernel
@@ -170,7 +171,12 @@ def test_a_push_stays_on_its_table(policy, observations, monkeypatch):
     assert (choice.action.end.x, choice.action.end.y) == pytest.approx((x, y))
 
 
-def test_tables_that_cannot_be_are_refused(policy):
+def test_tables_that_cannot_be_are_refused(policy, monkeypatch):
+    def connect(*_):
+        raise AssertionError("nobody could close the simulator after a refusal")
+
+    monkeypatch.setattr(World, "__init__", connect)
+    monkeypatch.setattr(Environment, "__init__", connect)
     with pytest.raises(ValueError, match="observations is empty"):
         policy.decide_over([], "pick the mug and place into the gear box")
     with pytest.raises(ValueError, match="tables is empty"):

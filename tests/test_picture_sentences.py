@@ -161,7 +161,7 @@ def test_only_crops_that_words_name_are_remembered(model, observation):
 
 
 def test_without_parsing_there_are_only_words(model, observation):
-    with pytest.raises(ValueError, match=r"gem-without-parsing reads whole sentences of words, got .* put \[mug\]"):
+    with pytest.raises(ValueError, match=r"gem without parsing reads whole sentences of words, got .* put \[mug\]"):
         Gem(SMALL.ablated("without-parsing"), model).act(observation, BOTH)
 
 

@@ -17,7 +17,8 @@ from torch.utils.data import ConcatDataset
 
 from gem_lite import demonstrations
 from gem_lite.cli import main
-from gem_lite.foundations import registry
+from gem_lite.clip import calibration
+from gem_lite.foundations import files, registry
 from gem_lite.policies import gem_config, methods
 from gem_lite.policies.inputs import PreparedStep, Sample
 from gem_lite.policies.transporter import TransporterLan
@@ -245,16 +246,21 @@ def test_other_data_clips_devices_parsers_and_classes_are_other_identities(demo_
     def facts(kind=method, data=demos, parser=None, **changes):
         policy = kind(config, model, parser=parser)
         policy.clip = types.SimpleNamespace(
-            fingerprint=changes.get("clip", "a"), device=types.SimpleNamespace(type=changes.get("device", "cpu"))
-        )
+            fingerprint=changes.get("clip", "a"), device=types.SimpleNamespace(type=changes.get("device", "cpu")),
+            folder=None,
+        )  # fmt: skip
         return str(step_files.identity(policy, data, [data]))
 
+    calibration_file = calibration.path_for(types.SimpleNamespace(folder=None, fingerprint="calibrated"))
+    uncalibrated = facts(clip="calibrated")
+    files.write_atomically(calibration_file, b"{}")
     found = [
+        uncalibrated, facts(clip="calibrated"),
         facts(), facts(Heir), facts(data=demos[:1]), facts(parser=lambda text: text), facts(clip="b"),
         facts(device="cuda"),
     ]  # fmt: skip
     assert len(set(found)) == len(found)
-    assert facts() == found[0]
+    assert facts() == found[2]
 
 
 def test_a_change_of_code_is_seen_where_it_can_decide_steps(model, tmp_path, monkeypatch):

@@ -154,6 +154,17 @@ def test_a_place_has_the_relation_of_the_words_before_it(text, place, phrase):
     assert place_phrase(sentence, span) == phrase
 
 
+def test_of_two_cans_the_first_is_a_thing():
+    sentence = Sentence.read("the watering can can go on the shelf")
+    assert [sentence.is_open(index) for index in range(4)] == [False, True, True, False]
+
+
+def test_a_push_stays_a_push():
+    text = "You should now push the pile of red blocks into the green square"
+    model = Likes("pile of red blocks", "green square")
+    assert understand(text, ModelParser(model, 0.0)) == (Queries("pile of red blocks", "green square", push=True),)
+
+
 def test_between_one_thing_is_asked_about():
     sentence = Sentence.read("the cup goes between the plate")
     with pytest.raises(ValueError, match="between"):

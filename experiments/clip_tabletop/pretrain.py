@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import torch
@@ -41,8 +42,8 @@ PARAPHRASES_PER_BATCH = 96
 UNPICTURED_PER_BATCH = 24
 LEARNING_RATE = 2e-3
 FILES = {
-    "README.md", "calibration.json", "config.json", "model.safetensors", "preprocessor_config.json", "tokenizer.json",
-    "tokenizer_config.json", "words.json",
+    "README.md", "calibration.json", "calibration-dense.json", "config.json", "model.safetensors",
+    "preprocessor_config.json", "tokenizer.json", "tokenizer_config.json", "words.json",
 }  # fmt: skip
 """The files of an embedded CLIP's folder."""
 
@@ -361,7 +362,9 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int, withheld
     save(model.half(), tokenizer, out, withheld)
     print(f"wrote {out} after {time.time() - start:.0f} s")
     embedded = clip.load(out)
-    calibration.write(embedded, calibrating.calibrate(embedded, calibrating.rendered_scenes()))
+    for kind in get_args(calibration.Kind):
+        numbers = calibrating.calibrate(embedded, calibrating.rendered_scenes(), kind=kind)
+        calibration.write(embedded, numbers, kind)
     return card.write(out, embedded, len(crops), withheld)
 
 

@@ -37,7 +37,7 @@ def read(sentence: str, /, *, model: Model = "smollm2", server: Server = None, t
         print(f"question: {understood.text}")
         return
     for queries in understood:
-        print(f"pick: {queries.pick}\nplace: {queries.place}")
+        print(f"{'push' if queries.push else 'pick'}: {queries.pick}\nplace: {queries.place}")
 
 
 def parser_of(model: str, server: str | None, timeout: float) -> Parser:

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from gem_lite.cli.base import make_app
 from gem_lite.cli.own_table import draw
-from gem_lite.foundations.files import write_atomically
+from gem_lite.foundations.files import write_atomically, writing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -354,11 +354,12 @@ def write(folder: Path, poses: dict[str, np.ndarray], base: np.ndarray | None = 
     from gem_lite.rgbd.observation import CAMERAS_FILE
 
     file = folder / CAMERAS_FILE
-    content = json.loads(file.read_bytes())
-    for entry in content["cameras"]:
-        if entry["name"] in poses:
-            entry["pose"] = poses[entry["name"]].tolist()
-    if base is not None:
-        content["base_from_table"] = base.tolist()
-    write_atomically(file, json.dumps(content, indent=1).encode())
+    with writing(folder):
+        content = json.loads(file.read_bytes())
+        for entry in content["cameras"]:
+            if entry["name"] in poses:
+                entry["pose"] = poses[entry["name"]].tolist()
+        if base is not None:
+            content["base_from_table"] = base.tolist()
+        write_atomically(file, json.dumps(content, indent=1).encode())
     print(f"wrote the pose of {', '.join(poses)} into {file}")

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
 
-from gem_lite.foundations.files import DATA, read_json, write_atomically
+from gem_lite.foundations.files import DATA, cache_folder, read_json, write_atomically
 
 
 class Model(Protocol):
@@ -73,8 +72,7 @@ def path_for(clip: Model, kind: Kind = "patches") -> Path:
     stem = "calibration" if kind == "patches" else f"calibration-{kind}"
     if clip.folder is not None and clip.folder.resolve().parent == DATA.resolve():
         return clip.folder / f"{stem}.json"
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gem_lite"
-    return cache / f"{stem}-{clip.fingerprint}.json"
+    return cache_folder() / f"{stem}-{clip.fingerprint}.json"
 
 
 def read(clip: Model, kind: Kind = "patches") -> Calibration:

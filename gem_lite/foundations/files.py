@@ -30,6 +30,11 @@ DATA = data_folder(Path(__file__).resolve().parent.parent)
 """Models, demonstrations and results."""
 
 
+def cache_folder() -> Path:
+    """The library's folder in the user's cache, for what it computed once. The folder may not exist."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gem_lite"
+
+
 def read_json(content: bytes | str, name: object) -> dict:
     """Read a JSON object from a file's content.
 

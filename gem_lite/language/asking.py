@@ -14,6 +14,9 @@ from gem_lite.language.grammar import EXAMPLE, parse
 from gem_lite.language.models import Answerer, ModelError
 from gem_lite.language.phrases import TOKEN, without_determiner
 from gem_lite.language.queries import Queries
+from gem_lite.language.reader import place_phrase
+from gem_lite.language.spans import Sentence, Span
+from gem_lite.language.word_lists import PUSHING
 
 PROMPT = """A robot picks one thing and puts it at one place. Read the request and answer with one line of JSON:
 {{"pick": "...", "place": "..."}}
@@ -57,7 +60,8 @@ class AskingParser:
         if None in phrases or phrases[0] == phrases[1]:
             raise ValueError(f"{instruction!r} names no pick and place that I can find in it; {EXAMPLE}")
         pick, place = (str(phrase) for phrase in phrases)
-        return Queries(pick, place)
+        sentence = Sentence.read(instruction)
+        return Queries(pick, place_phrase(sentence, _last_span(place, instruction)), PUSHING in sentence.words)
 
 
 def pick_and_place(answer: str) -> tuple[object, object]:
@@ -69,6 +73,13 @@ def pick_and_place(answer: str) -> tuple[object, object]:
             continue
         return values.get("pick"), values.get("place")
     return None, None
+
+
+def _last_span(phrase: str, instruction: str) -> Span:
+    """Where the words of a `spoken` phrase stand in an instruction, for the last time."""
+    words, said = phrase.split(), TOKEN.findall(instruction.lower())
+    starts = [start for start in range(len(said)) if said[start : start + len(words)] == words]
+    return starts[-1], starts[-1] + len(words)
 
 
 def spoken(phrase: object, sentence: str) -> str | None:

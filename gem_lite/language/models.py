@@ -21,7 +21,7 @@ import filelock
 import numpy as np
 import torch
 
-from gem_lite.foundations.files import write_atomically
+from gem_lite.foundations.files import cache_folder, write_atomically
 
 os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")
 
@@ -96,10 +96,16 @@ class CausalModel:
             ValueError: the prompt or a continuation is empty, or both together are longer than the model reads.
         """
         tokens = [self._tokens(text, "a continuation") for text in continuations]
-        self._read_prompt(self._tokens(prompt, "the prompt"), max((len(text) for text in tokens), default=0))
+        asked = self._tokens(prompt, "the prompt")
         found = np.zeros(len(tokens))
-        for chunk in _chunks(tokens):
-            found[chunk] = self._score([tokens[number] for number in chunk])
+        try:
+            self._read_prompt(asked, max((len(text) for text in tokens), default=0))
+            for chunk in _chunks(tokens):
+                found[chunk] = self._score([tokens[number] for number in chunk])
+        except BaseException:  # What was read and the cache may no longer agree.
+            self._read = []
+            self._cache = DynamicCache()
+            raise
         return found
 
     def answer(self, prompt: str) -> str:
@@ -211,17 +217,12 @@ def _from_folder(name: str, folder: Path | str, offline: bool = True) -> CausalM
     return CausalModel(name, model, tokenizer)
 
 
-def cache_folder() -> Path:
-    """Where converted weights are kept: ``GEM_LITE_CACHE``, or a folder in the user's cache."""
-    given = os.environ.get("GEM_LITE_CACHE")
-    if given:
-        return Path(given)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gem_lite"
-
-
 def _converted() -> Path:
-    """The folder with the small model's converted weights; the first call makes it."""
-    folder = cache_folder() / f"{SMALL}-{SMALL_SUM[:12]}"
+    """The folder with the small model's converted weights; the first call makes it.
+
+    It lies in ``GEM_LITE_CACHE``, or in the library's folder in the user's cache.
+    """
+    folder = Path(os.environ.get("GEM_LITE_CACHE") or cache_folder()) / f"{SMALL}-{SMALL_SUM[:12]}"
     if _intact(folder):
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)

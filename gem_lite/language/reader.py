@@ -17,7 +17,7 @@ from gem_lite.language.models import ModelError, Scorer
 from gem_lite.language.phrases import TOKEN, conjuncts, split_relation, with_relation, without_determiner
 from gem_lite.language.queries import PARSERS, Queries
 from gem_lite.language.spans import ARTICLES, Sentence, Span
-from gem_lite.language.word_lists import RELATIONS
+from gem_lite.language.word_lists import PUSHING, RELATIONS
 
 LOWEST_PROBABILITY = 0.7
 """A reading with a lower probability is asked about. Of the sentences for development, each read by weights that were
@@ -66,7 +66,8 @@ class ModelParser:
         if reading is None:
             _ask(instruction, "names no pick and place that I can find in it")
         try:
-            queries = Queries(readable(sentence.said(reading.thing)), place_phrase(sentence, reading.place))
+            place = place_phrase(sentence, reading.place)
+            queries = Queries(readable(sentence.said(reading.thing)), place, PUSHING in sentence.words)
         except ValueError as error:  # "between" and one thing
             _ask(instruction, f"is not clear to me: {error}")
         if probability < self.lowest_probability:

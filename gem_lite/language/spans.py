@@ -104,6 +104,8 @@ class Sentence:
     def is_open(self, index: int) -> bool:
         """Whether a word is of no closed class. "can" is open in "watering can", "back" in "the back of"."""
         word = self.word(index)
+        if word == "can" and self.word(index - 1) == "can":  # the second one of "the watering can can go"
+            return False
         if word == "can":
             return self.is_open(index - 1) and not self.is_open(index + 1) and self.word(index + 1) not in PRONOUNS
         if word == "left" and self.word(index + 1) == "of":

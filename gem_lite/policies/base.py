@@ -26,6 +26,7 @@ from gem_lite.demonstrations import Demonstration, DemonstrationStep
 from gem_lite.foundations.registry import Registry
 from gem_lite.language import Instruction, Queries, Query, Spot, is_relation
 from gem_lite.maps.crop_memory import CropMemory, EpisodeKey
+from gem_lite.maps.relations import NoFreePlaceError
 from gem_lite.maps.semantic_map import embed_query
 from gem_lite.policies import augment
 from gem_lite.policies.choosing import (
@@ -186,10 +187,13 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         if self.config.parsing:
             return goals
         if not isinstance(instruction, str):
-            raise ValueError(f"{self.name} reads whole sentences of words, got one with pictures: {instruction}")
+            raise ValueError(
+                f"{self.method} without parsing reads whole sentences of words, got one with pictures: {instruction}"
+            )
         for goal in goals:
             if is_relation(goal.place):
-                raise ValueError(f"{self.name} reads whole sentences and has no map of a place {str(goal.place)!r}")
+                reads = f"{self.method} without parsing reads whole sentences"
+                raise ValueError(f"{reads} and has no map of a place {str(goal.place)!r}")
         return (Queries(instruction, instruction, goals[0].push),)
 
     def read(self, instruction: Instruction | Queries, reached: Collection[Queries] = ()) -> Queries:
@@ -412,12 +416,16 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
                 placeable[pick_table] &= ~unmoved(place_logits.shape[1:], pick_cell[1:], queries.push)
                 if queries.push:  # A blade does not leave its table.
                     placeable[torch.arange(len(tables)) != pick_table] = False
+                if not placeable.any():
+                    continue
                 place_table, place_cell = best_cell(place_logits, placeable)
                 product = log_probability(pick_logits, pickable, pick_table, pick_cell)
                 product += log_probability(place_logits, placeable, place_table, place_cell)
                 acts.append(ScoredAct(product, pick_table, pick_cell, place_table, place_cell, place_logits))
         finally:
             self.train(training)
+        if not acts:
+            raise NoFreePlaceError(f"no act leads to a place {str(queries.place)!r}: a push stays on its table")
         act = max(acts, key=lambda act: act.log_probability)
         workspace = self.config.workspace
         pick_yaw = float(angle_bins(pick_logits.shape[1])[act.pick_cell[0]])

@@ -127,7 +127,7 @@ def place_gate(semantic: torch.Tensor, height: torch.Tensor) -> Gate:
 
     No network can learn a relation, since training turns the pictures. So no policy acts without this gate.
     """
-    return Gate((semantic > 0) * semantic.max(), height, EXACTLY)
+    return Gate(torch.where(semantic > 0, semantic.max(), -torch.inf), height, EXACTLY)
 
 
 def with_spot(

@@ -231,7 +231,7 @@ class Gem(Policy[SceneEmbedding]):
         queries = self.read(step.instruction)
         has_words = any(isinstance(query, str) for query in (queries.pick, queries.place))
         if self.retrieves and self.memory is None and has_words:
-            raise ValueError(f"{self.name} has no crops to retrieve: call remember with the demonstrations first")
+            raise ValueError(f"{self.method} has no crops to retrieve: call remember with the demonstrations first")
         scene = self.embed(step.observation.views)
         hidden = None if self.config.own_crop else key
         pick = self.maps(scene, queries.pick, hidden)

@@ -126,13 +126,13 @@ class MobileWorld(Environment):
         self, tables: Sequence[Pose2] = side_by_side(2), body: RobotBody = RobotBody(), find: Finder = localise,
         style: Look = HOME_STYLE,
     ) -> None:  # fmt: skip
-        super().__init__(style)
         if not tables:
             raise ValueError("tables is empty: a world needs at least one")
         if tables[0] != Pose2(0.0, 0.0):
             raise ValueError(f"tables[0] must be the world's frame, {Pose2(0.0, 0.0)}, got {tables[0]}")
         if any(tool == "panda" for _, tool in style.tools):
             raise ValueError(f"style must have tools that a robot carries; in {style.name!r} it stands at one table")
+        super().__init__(style)  # It opens a simulator, which nobody could close after a refusal.
         self.tables = tuple(tables)
         self.body = body
         self.find = find

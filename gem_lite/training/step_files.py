@@ -20,7 +20,7 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import filelock
 import safetensors.torch
@@ -28,6 +28,7 @@ import torch
 from torch.utils.data import ConcatDataset
 from typing_extensions import override
 
+from gem_lite.clip import Clip, calibration
 from gem_lite.demonstrations import DemonstrationSet
 from gem_lite.foundations import files, registry
 from gem_lite.policies.base import Policy
@@ -159,10 +160,17 @@ def identity(policy: Policy, demos: DemonstrationSet, remembered: Sequence[Demon
         "method": f"{kind.__module__}.{kind.__qualname__}",
         "config": policy.config.inputs.as_dict(),
         "clip": policy.clip.fingerprint,
+        "calibrations": _calibrations(policy.clip),
         "device": policy.clip.device.type,
         "parser": f"{parser.__module__}.{parser.__qualname__}",
         "memory": [known.digest for known in remembered] if remembers else None,
     }
+
+
+def _calibrations(clip: Clip) -> dict[str, str]:
+    """The SHA-256 of each file of a CLIP's calibration that exists: it scales maps and decides what is retrieved."""
+    paths = {kind: calibration.path_for(clip, kind) for kind in get_args(calibration.Kind)}
+    return {kind: hashlib.sha256(path.read_bytes()).hexdigest() for kind, path in paths.items() if path.exists()}
 
 
 def code_digest(policy: Policy) -> str:

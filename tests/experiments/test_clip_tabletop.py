@@ -201,6 +201,7 @@ def test_a_state_of_another_training_or_a_damaged_one_is_refused(tmp_path):
 
 
 def test_a_trained_clip_replaces_nothing_but_a_clip(tmp_path):
+    pretrain.check_folder(clip.EMBEDDED)
     tokenizer = pretrain.train_tokenizer()
     model = pretrain.make_model(len(tokenizer))
     out = tmp_path / "out"
