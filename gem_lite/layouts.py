@@ -54,8 +54,12 @@ def write(folder: Path, frame: RawView) -> None:
 
 
 def _joined(before: Mapping[str, Any], scene: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
-    """What cameras.json held ``before``, with the one camera of ``scene`` added or replaced."""
-    (fresh,) = scene["cameras"]
+    """What cameras.json held ``before``, with the one camera of ``scene`` added or replaced.
+
+    Raises:
+        ValueError: another camera has these pictures.
+    """
+    fresh = dict(scene["cameras"][0])
     named = [entry for entry in before["cameras"] if entry["name"] == fresh["name"]]
     others = [entry for entry in before["cameras"] if entry["name"] != fresh["name"]]
     taken = {entry[kind] for entry in others for kind in ("color", "depth")}

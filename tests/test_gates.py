@@ -176,7 +176,7 @@ def test_no_act_changes_nothing(monkeypatch):
 
 def test_a_push_without_a_place_is_refused(monkeypatch):
     gates = {"place": place_gate(spots((40, 40, 1.0)), FLAT)}
-    with pytest.raises(NoFreePlaceError, match="no act leads to a place 'square': a push stays on its table"):
+    with pytest.raises(NoFreePlaceError, match="no push leads to a place 'square': it would end where it begins"):
         choose(policy_of(), monkeypatch, scores_at((0, 40, 40, 2.0)), scores_at(), push=True, gates=gates)
 
 

@@ -209,6 +209,13 @@ def test_an_answer_of_the_sentences_words_is_believed():
     assert understand(SENTENCE, AskingParser(Answers(text))) == (Queries("yellow block", "green bowl"),)
     beside = AskingParser(Answers('{"pick": "fork", "place": "mug"}'))
     assert understand("I would like the fork left of the mug", beside) == (Queries("fork", "left of mug"),)
+    for text, place, problem in (
+        ("I want the fork in the box, not beside the box", "box", "more than one place"),
+        ("I would like the fork between the mug and the bowl", "mug", "between"),
+    ):
+        question = understand(text, AskingParser(Answers(f'{{"pick": "fork", "place": "{place}"}}')))
+        assert isinstance(question, Question) and problem in question.text
+    assert understand("İİİ I would like the fork left of the mug", beside) == (Queries("fork", "left of mug"),)
     pushing = AskingParser(Answers('{"pick": "pile of red blocks", "place": "green square"}'))
     (queries,) = understand("You should now push the pile of red blocks into the green square", pushing)
     assert queries == Queries("pile of red blocks", "green square", push=True)

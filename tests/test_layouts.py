@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gem_lite import clip, layouts
 from gem_lite.cli import main
 from gem_lite.rgbd import lens
-from gem_lite.rgbd.observation import Observation, read_raw
+from gem_lite.rgbd.observation import Observation, RawView, read_raw
 
 VIEW = next(
     view for view in Observation.load(clip.DATA / "foreign-scenes" / "kitchen").views if view.camera.name == "left"
@@ -114,6 +114,23 @@ def test_imports_make_a_scene_camera_by_camera(tmp_path, capsys):
     capsys.readouterr()
     assert main(["import", "open3d", str(tmp_path / "open3d"), str(scene), "--number", "3", "--name", "a"]) == 2
     assert "another camera has the pictures of a: give another name" in capsys.readouterr().err
+
+
+def test_a_scene_is_read_and_written_by_one_process_at_a_time(tmp_path, monkeypatch):
+    pictures = np.zeros((4, 4, 3), np.uint8), np.ones((4, 4), np.float32)
+    matrix = np.array([[4.0, 0, 2], [0, 4, 2], [0, 0, 1]])
+    layouts.write(tmp_path, RawView("front", *pictures, matrix))
+    read = layouts._json
+
+    def read_and_try_to_write(path):
+        with pytest.raises(OSError, match="another process writes into"):
+            layouts.write(tmp_path, RawView("right", *pictures, matrix))
+        return read(path)
+
+    monkeypatch.setattr(layouts, "_json", read_and_try_to_write)
+    layouts.write(tmp_path, RawView("left", *pictures, matrix))
+    names = [camera["name"] for camera in json.loads((tmp_path / "cameras.json").read_text())["cameras"]]
+    assert names == ["front", "left"]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from gem_lite import clip
 from gem_lite.actions import ExpertAction, PickPlace
 from gem_lite.cli import main
 from gem_lite.demonstrations import Demonstration, DemonstrationStep, quantized
-from gem_lite.rgbd.camera import Camera, View
+from gem_lite.rgbd.camera import Camera, View, checked_intrinsics
 from gem_lite.rgbd.observation import Observation, read_raw
 from gem_lite.se2 import Pose2
 
@@ -163,3 +163,13 @@ def test_poses_are_finite_symmetries_are_kept_and_a_superscript_in_a_name_is_no_
     for name in ("step-2", "step-10", "step-²"):
         step().save(tmp_path / "mine" / "episode" / name)
     assert len(Demonstration.load(tmp_path / "mine" / "episode").steps) == 3
+
+
+def test_intrinsics_that_no_camera_has_are_refused():
+    skewed = [[600.0, 2.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]
+    assert checked_intrinsics(skewed, "K").tolist() == skewed
+    for row, column in ((1, 0), (2, 0)):
+        wrong = np.array(skewed)
+        wrong[row, column] = 1.0
+        with pytest.raises(ValueError, match="with positive focal lengths, 0 in row 2, column 1, and"):
+            checked_intrinsics(wrong, "K")

@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 
 import cv2
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from damages import change_cameras
@@ -16,10 +17,11 @@ from tiers import for_a_release
 
 from gem_lite import clip
 from gem_lite.cli import main, own_table
+from gem_lite.drawing import plots
 from gem_lite.maps import places
 from gem_lite.policies import robot_plan
 from gem_lite.rgbd import camera_check
-from gem_lite.rgbd.heightmap import fuse_views
+from gem_lite.rgbd.heightmap import HeightMap, fuse_views
 from gem_lite.rgbd.observation import Observation, RawView, read_raw
 from gem_lite.se2 import Workspace
 
@@ -471,3 +473,21 @@ def test_look_says_why_a_text_is_neither_sentence_nor_thing(multi):
     ):
         with pytest.raises(ValueError, match=f"^text must be a sentence or name a thing: .*{reason}"):
             own_table.read(multi, text)
+
+
+@pytest.mark.parametrize(
+    ("limits", "x_labels", "y_labels"),
+    [
+        ((0.25, 0.75, -0.5, 0.5), ["0.3", "0.5", "0.7"], ["-0.4", "-0.2", "0.0", "0.2", "0.4"]),
+        ((-0.7, -0.1, -1.2, -0.6), ["-0.7", "-0.5", "-0.3", "-0.1"], ["-1.2", "-1.0", "-0.8", "-0.6"]),
+    ],
+)
+def test_a_height_map_has_numbers_wherever_the_table_lies(limits, x_labels, y_labels):
+    workspace = Workspace.covering(*limits)
+    shape = workspace.shape
+    empty = HeightMap(workspace, np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.ones(shape, bool))
+    figure = plots.show_heightmap(empty)
+    for ax in figure.axes[:2]:
+        assert [label.get_text() for label in ax.get_xticklabels()] == x_labels
+        assert [label.get_text().replace("-0.0", "0.0") for label in ax.get_yticklabels()] == y_labels
+    plt.close(figure)

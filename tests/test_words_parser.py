@@ -159,10 +159,13 @@ def test_of_two_cans_the_first_is_a_thing():
     assert [sentence.is_open(index) for index in range(4)] == [False, True, True, False]
 
 
-def test_a_push_stays_a_push():
-    text = "You should now push the pile of red blocks into the green square"
-    model = Likes("pile of red blocks", "green square")
-    assert understand(text, ModelParser(model, 0.0)) == (Queries("pile of red blocks", "green square", push=True),)
+def test_a_push_stays_a_push_and_a_push_pin_is_none():
+    pushed = (Queries("pile of red blocks", "green square", push=True),)
+    for said in ("You should now push", "Would you mind pushing"):
+        text = f"{said} the pile of red blocks into the green square"
+        assert understand(text, ModelParser(Likes("pile of red blocks", "green square"), 0.0)) == pushed
+    text = "the push pin goes in the green bowl"
+    assert understand(text, ModelParser(Likes("push pin", "green bowl"), 0.0)) == (Queries("push pin", "green bowl"),)
 
 
 def test_between_one_thing_is_asked_about():

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import torch
@@ -362,8 +361,7 @@ def pretrain(out: Path, run: Path, scenes: int, epochs: int, seed: int, withheld
     save(model.half(), tokenizer, out, withheld)
     print(f"wrote {out} after {time.time() - start:.0f} s")
     embedded = clip.load(out)
-    for kind in get_args(calibration.Kind):
-        numbers = calibrating.calibrate(embedded, calibrating.rendered_scenes(), kind=kind)
+    for kind, numbers in calibrating.calibrations(embedded):
         calibration.write(embedded, numbers, kind)
     return card.write(out, embedded, len(crops), withheld)
 

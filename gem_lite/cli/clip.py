@@ -16,14 +16,11 @@ def calibrate(clip: str, /, *, scenes: int = 8) -> None:
     Examples:
       gem-lite clip calibrate openai/clip-vit-base-patch32
     """
-    from typing import get_args
-
     from gem_lite.clip import calibration, load
     from gem_lite.evaluation import calibrating
 
     if scenes < 1:
         raise ValueError(f"--scenes must be 1 or more, got {scenes}")
     model = load(clip)
-    for kind in get_args(calibration.Kind):
-        numbers = calibrating.calibrate(model, calibrating.rendered_scenes(scenes), kind=kind)
+    for kind, numbers in calibrating.calibrations(model, scenes):
         print(f"{numbers}\nwrote {calibration.write(model, numbers, kind)}")

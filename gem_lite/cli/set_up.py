@@ -350,7 +350,11 @@ def show(posed: RawView, pixels: Pixels) -> Figure:
 
 
 def write(folder: Path, poses: dict[str, np.ndarray], base: np.ndarray | None = None) -> None:
-    """Write the poses of cameras into a folder's cameras.json; everything else in it stays."""
+    """Write the poses of cameras into a folder's cameras.json; everything else in it stays.
+
+    Raises:
+        OSError: the file cannot be written, or another process writes into the folder.
+    """
     from gem_lite.rgbd.observation import CAMERAS_FILE
 
     file = folder / CAMERAS_FILE

@@ -71,8 +71,8 @@ def show_heightmap(heightmap: HeightMap, action: PickPlace | None = None, title:
         if action is not None:
             draw_gripper(ax, action.pick, w, PICK_COLOR, "pick")
             draw_gripper(ax, action.place, w, PLACE_COLOR, "place")
-        x_ticks = np.arange(0.2 * math.ceil((w.x_min - 0.1) / 0.2) + 0.1, w.x_max, 0.2)
-        y_ticks = np.arange(0.2 * math.ceil(w.y_min / 0.2), w.y_max, 0.2)
+        x_ticks = np.arange(0.2 * math.ceil(round((w.x_min - 0.1) / 0.2, 6)) + 0.1, w.x_max + 1e-6, 0.2)
+        y_ticks = np.arange(0.2 * math.ceil(round(w.y_min / 0.2, 6)), w.y_max + 1e-6, 0.2)
         ax.set_xticks(w.to_pixel(x_ticks, 0)[1], [f"{x:.1f}" for x in x_ticks])
         ax.set_yticks(w.to_pixel(0, y_ticks)[0], [f"{y:.1f}" for y in y_ticks])
         ax.set(xlabel="x (m)", ylabel="y (m)", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
@@ -92,6 +92,7 @@ def show_maps(panels: Sequence[tuple[str, np.ndarray]], suptitle: str = "", top:
     map_image = None
     for ax, (title, panel) in zip(axes, panels, strict=True):
         image = bare(ax, title).imshow(panel, cmap=MAP_COLORS, vmin=0, vmax=top)
+        ax.title.set_parse_math(False)  # A title may be a sentence, or the name of a file.
         ax.set_facecolor("0.7")
         if panel.ndim == 2:
             map_image = image

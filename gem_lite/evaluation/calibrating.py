@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -38,6 +38,12 @@ def rendered_scenes(count: int = SCENES) -> Iterator[NamedScene]:
             views = world.reset(task, tasks.episode_seed("val", index))[0].views
             phrases, action = language.parse(task.instruction), task.expert(world).action
             yield NamedScene(views, ((phrases.pick, action.pick), (phrases.place, action.place)))
+
+
+def calibrations(model: clip.Clip, count: int = SCENES) -> Iterator[tuple[Kind, Calibration]]:
+    """A CLIP's numbers of each kind, measured on ``count`` rendered scenes."""
+    for kind in get_args(Kind):
+        yield kind, calibrate(model, rendered_scenes(count), kind=kind)
 
 
 def calibrate(

@@ -96,12 +96,13 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
                     old[path] = path.with_name(f"{path.name}.{token}.old")
                     os.replace(path, old[path])
         for path, complete in fresh.items():
+            renamed.append(path)
             os.replace(complete, path)
-            if len(contents) > 1:  # A single file has no old version left to go back to.
-                renamed.append(path)
     except BaseException:
-        for path in renamed:
-            path.unlink()
+        if len(contents) > 1:  # A single file may have replaced an old version, which is not kept.
+            for path in renamed:
+                if path not in old and path.is_file():
+                    path.unlink()
         for path, kept in old.items():
             if kept.exists():
                 os.replace(kept, path)

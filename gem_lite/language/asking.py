@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gem_lite.language.grammar import EXAMPLE, parse
 from gem_lite.language.models import Answerer, ModelError
-from gem_lite.language.phrases import TOKEN, without_determiner
+from gem_lite.language.phrases import without_determiner
 from gem_lite.language.queries import Queries
-from gem_lite.language.reader import place_phrase
+from gem_lite.language.reader import asks_for_push, place_phrase
 from gem_lite.language.spans import Sentence, Span
-from gem_lite.language.word_lists import PUSHING
 
 PROMPT = """A robot picks one thing and puts it at one place. Read the request and answer with one line of JSON:
 {{"pick": "...", "place": "..."}}
@@ -60,8 +60,18 @@ class AskingParser:
         if None in phrases or phrases[0] == phrases[1]:
             raise ValueError(f"{instruction!r} names no pick and place that I can find in it; {EXAMPLE}")
         pick, place = (str(phrase) for phrase in phrases)
-        sentence = Sentence.read(instruction)
-        return Queries(pick, place_phrase(sentence, _last_span(place, instruction)), PUSHING in sentence.words)
+        return self._with_relation(Sentence.read(instruction), pick, place)
+
+    def _with_relation(self, sentence: Sentence, pick: str, place: str) -> Queries:
+        """The queries, with the relation that the words before the place say. Raises ValueError if it is not clear."""
+        places = _spans_of(place.split(), sentence)
+        try:
+            said = {place_phrase(sentence, span) for span in places}
+        except ValueError as error:  # "between" and one thing
+            raise ValueError(f"{sentence.text!r} is not clear to me: {error}; {EXAMPLE}") from error
+        if len(said) > 1:
+            raise ValueError(f"{sentence.text!r} names more than one place: {', '.join(sorted(said))}; {EXAMPLE}")
+        return Queries(pick, said.pop(), asks_for_push(sentence, [*places, *_spans_of(pick.split(), sentence)]))
 
 
 def pick_and_place(answer: str) -> tuple[object, object]:
@@ -75,18 +85,17 @@ def pick_and_place(answer: str) -> tuple[object, object]:
     return None, None
 
 
-def _last_span(phrase: str, instruction: str) -> Span:
-    """Where the words of a `spoken` phrase stand in an instruction, for the last time."""
-    words, said = phrase.split(), TOKEN.findall(instruction.lower())
-    starts = [start for start in range(len(said)) if said[start : start + len(words)] == words]
-    return starts[-1], starts[-1] + len(words)
+def _spans_of(words: Sequence[str], sentence: Sentence) -> list[Span]:
+    """Where words stand in a sentence, one after the other."""
+    ends = range(len(words), len(sentence.words) + 1)
+    return [(end - len(words), end) for end in ends if sentence.words[end - len(words) : end] == tuple(words)]
 
 
 def spoken(phrase: object, sentence: str) -> str | None:
     """A phrase in small letters and without determiners, if it is a run of words of the sentence; else None."""
     if not isinstance(phrase, str):
         return None
-    words = without_determiner(TOKEN.findall(phrase.lower()))
-    if not words or f" {' '.join(words)} " not in f" {' '.join(TOKEN.findall(sentence.lower()))} ":
+    words = without_determiner(Sentence.read(phrase).words)
+    if not words or not _spans_of(words, Sentence.read(sentence)):
         return None
     return " ".join(words)

@@ -8,6 +8,7 @@ grammar reads as a group: they are a plan (`planning`).
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NoReturn
 
@@ -17,7 +18,7 @@ from gem_lite.language.models import ModelError, Scorer
 from gem_lite.language.phrases import TOKEN, conjuncts, split_relation, with_relation, without_determiner
 from gem_lite.language.queries import PARSERS, Queries
 from gem_lite.language.spans import ARTICLES, Sentence, Span
-from gem_lite.language.word_lists import PUSHING, RELATIONS
+from gem_lite.language.word_lists import PUSHES, RELATIONS
 
 LOWEST_PROBABILITY = 0.7
 """A reading with a lower probability is asked about. Of the sentences for development, each read by weights that were
@@ -67,7 +68,8 @@ class ModelParser:
             _ask(instruction, "names no pick and place that I can find in it")
         try:
             place = place_phrase(sentence, reading.place)
-            queries = Queries(readable(sentence.said(reading.thing)), place, PUSHING in sentence.words)
+            push = asks_for_push(sentence, (reading.thing, reading.place))
+            queries = Queries(readable(sentence.said(reading.thing)), place, push)
         except ValueError as error:  # "between" and one thing
             _ask(instruction, f"is not clear to me: {error}")
         if probability < self.lowest_probability:
@@ -85,6 +87,12 @@ def named(instruction: str, queries: Queries) -> Queries:
         if set(str(query).split()) <= NAMELESS:
             _ask(instruction, f"names nothing by {str(query)!r}")
     return queries
+
+
+def asks_for_push(sentence: Sentence, phrases: Sequence[Span]) -> bool:
+    """Whether a word outside the phrases says "push": a push pin may be picked."""
+    inside = {index for start, end in phrases for index in range(start, end)}
+    return any(word in PUSHES and index not in inside for index, word in enumerate(sentence.words))
 
 
 def readable(text: str) -> str:

@@ -6,6 +6,7 @@ from gem_lite.foundations import colors
 
 ALIGNING = "align"
 PUSHING = "push"
+PUSHES = (PUSHING, "pushing")
 """The verb of a sentence that asks for a push and not for a pick and place."""
 VERBS = (
     "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", PUSHING, "lay", "lift",

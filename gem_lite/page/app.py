@@ -35,19 +35,15 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
 
     Args:
         policy: in evaluation mode; all visitors share it, one after the other.
-        names: of tasks. A visitor may choose those whose table is the policy's.
-
-    Raises:
-        ValueError: none of the tasks has the policy's table.
+        names: of tasks. A visitor may choose those whose table is the policy's. If there is none, only a visitor's own
+            pictures are looked at.
     """
     offered = [name for name in names if is_same_table(tasks.make(name, SPLIT).workspace, policy.config.workspace)]
-    if not offered:
-        raise ValueError("no task has the table that the policy was trained for")
     matplotlib.use("Agg")
     plain = gradio.themes.Base(font=["sans-serif"], font_mono=["monospace"])  # no fonts from elsewhere
     page = gradio.Blocks(title="gem_lite", analytics_enabled=False, delete_cache=(60, IDLE))
     page.theme = plain
-    first = FIRST_TASK if FIRST_TASK in offered else offered[0]
+    first = FIRST_TASK if FIRST_TASK in offered else next(iter(offered), None)
     visitors: list[Session] = []
     turn = threading.Lock()  # gradio ends a session outside of its queue
 
@@ -63,7 +59,7 @@ def make_page(policy: Gem, names: Sequence[str]) -> gradio.Blocks:
         session = gradio.State(value=None, time_to_live=IDLE, delete_callback=end)
         with gradio.Row():
             with gradio.Column(scale=1):
-                with gradio.Tab("A simulated table"):
+                with gradio.Tab("A simulated table", visible=bool(offered)):
                     task = gradio.Dropdown(offered, value=first, label="task")
                     episode = gradio.Number(value=0, precision=0, minimum=0, maximum=999_999, label="scene number")
                     lay = gradio.Button("lay the table", elem_id="lay")

@@ -318,7 +318,7 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
 
         Raises:
             ValueError: the parser refuses the instruction; the place is a relation, such as "left of the bowl", and
-                the method has no map of it, or no such place is free.
+                the method has no map of it, or no such place is free; a push could only end where it begins.
         """
         return self.decide(observation, instruction, empty_picks).action
 
@@ -345,7 +345,8 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         """As `decide`, over several tables, of which each keeps away from ``empty_picks``.
 
         Raises:
-            ValueError: see `check_tables`; there is no observation, or the parser refuses the instruction.
+            ValueError: see `check_tables` and `act`; there is no observation; or the place of a push is on another
+                table.
         """
         self.check_tables()
         if not observations:
@@ -425,7 +426,9 @@ class Policy(nn.Module, ABC, Generic[SceneT]):
         finally:
             self.train(training)
         if not acts:
-            raise NoFreePlaceError(f"no act leads to a place {str(queries.place)!r}: a push stays on its table")
+            raise NoFreePlaceError(
+                f"no push leads to a place {str(queries.place)!r}: it would end where it begins, or on another table"
+            )
         act = max(acts, key=lambda act: act.log_probability)
         workspace = self.config.workspace
         pick_yaw = float(angle_bins(pick_logits.shape[1])[act.pick_cell[0]])

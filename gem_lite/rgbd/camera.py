@@ -99,9 +99,9 @@ def checked_intrinsics(value: object, name: str) -> np.ndarray:
     """
 
     def is_right(matrix: np.ndarray) -> bool:
-        return min(matrix[0, 0], matrix[1, 1]) > 0 and matrix[1, 0] == 0 and matrix[2].tolist() == [0, 0, 1]
+        return min(matrix[0, 0], matrix[1, 1]) > 0 and abs(matrix[1, 0]) < 1e-6 and matrix[2].tolist() == [0, 0, 1]
 
-    wanted = "(3, 3) finite numbers: positive focal lengths, a 0 below the first, and the last row 0 0 1"
+    wanted = "(3, 3) finite numbers with positive focal lengths, 0 in row 2, column 1, and the last row 0 0 1"
     return _checked(value, name, 3, is_right, wanted)
 
 

@@ -165,8 +165,8 @@ class Observation:
         """Write the observation into a folder, for `load`. Depth is rounded to ``depth_scale`` metres (`depth_steps`).
 
         Raises:
-            ValueError: two views have the same name; a name holds a slash; ``depth_scale`` is not above 0 and at most
-                `LARGEST_SCALE`; no depth of a view fits into 16 bits.
+            ValueError: two views have the same name; a name is empty, holds a slash or begins with a dot;
+                ``depth_scale`` is not above 0 and at most `LARGEST_SCALE`; no depth of a view fits into 16 bits.
             OSError: a file cannot be written, or another process writes into the folder. The old files stay.
         """
         contents = self.contents(folder, depth_scale)
