@@ -210,6 +210,7 @@ OTHER_TABLES: Mapping[str, tuple[str, Callable[[Rows], str]]] = {
     "two tables": ("object-sorting", single_tables.two_tables),
     "own table": ("own-table", single_tables.own_table),
     "foreign tasks": ("foreign-tasks", single_tables.foreign_tasks),
+    "lit at home": ("foreign-tasks", single_tables.lit_at_home),
     "refusals": ("own-table", single_tables.refusals),
     "sensor errors": ("sensor-errors", single_tables.sensor_errors),
 }

@@ -294,7 +294,9 @@ def own_table(rows: Rows) -> str:
     return lines_of(["policy", "demonstrations", "solved"], lines)
 
 
-UNEVEN_LIGHT = {"uneven light from the first step": "f3609218344d", "in the last 5,000 steps": "104f6f9724c3"}
+LIT = "104f6f9724c3"
+"""The hash of the configuration of experiments/foreign_tasks/gem-multi-lit.safetensors."""
+UNEVEN_LIGHT = {"uneven light from the first step": "f3609218344d", "uneven light in the last 5,000 steps": LIT}
 """Two policies that learned in two worlds: what the table calls them, and the hash of their configuration."""
 
 
@@ -314,6 +316,19 @@ def foreign_tasks(rows: Rows) -> str:
     for title in UNEVEN_LIGHT:
         head += [title, "minus the shipped one"]
     return lines_of(head, lines)
+
+
+def lit_at_home(rows: Rows) -> str:
+    """The policy with uneven light in its last steps beside the shipped one, on the paper's tasks at home."""
+    lines = []
+    of_shipped = results.read_rows(results.RESULTS / "shipped.jsonl")
+    for task in PAPER:
+        facts = {"method": "gem-multi", "task": task, "world": "home", "split": "test", "episodes": 50}
+        lit = found(rows, config_hash=LIT, **facts)
+        shipped = found(of_shipped, demonstrations_world="varied", **facts)
+        if lit and shipped:
+            lines.append([task, cell(shipped), cell(lit), lead(summaries.pool([lit]), summaries.pool([shipped]))])
+    return lines_of(["task", "GEM-multi as it is shipped", "`gem-multi-lit`", "second minus first"], lines)
 
 
 def refusals(rows: Rows) -> str:

@@ -8,9 +8,11 @@ import pytest
 import summaries
 
 from experiments.benchmark import __main__ as commands
-from experiments.benchmark import page, scaling
+from experiments.benchmark import page, scaling, single_tables
 from experiments.benchmark.tables import interval_text
+from gem_lite import clip
 from gem_lite.evaluation import results
+from gem_lite.policies.checkpoints import load_policy, read_card
 from gem_lite.tasks import PAPER
 
 ROOT = Path(__file__).parents[2]
@@ -23,6 +25,15 @@ BOWL, ROPE = "put-block-in-bowl-unseen-colors", "align-rope"
 def typed(path):
     """The means with intervals in a page, in its order."""
     return re.findall(r"\d+\.\d \[\d+\.\d, \d+\.\d\]", (ROOT / path).read_text())
+
+
+def test_the_rows_of_gem_multi_lit_are_of_the_policy_that_is_kept():
+    path = ROOT / "experiments" / "foreign_tasks" / "gem-multi-lit.safetensors"
+    rows = results.read_rows(results.RESULTS / "foreign-tasks.jsonl")
+    of_lit = [row for row in rows if row["config_hash"] == single_tables.LIT]
+    assert {row["checkpoint_sha256"] for row in of_lit} == {read_card(path)["sha256"]}
+    assert len([row for row in of_lit if row["world"] == "MuJoCo"]) == 4
+    assert load_policy(path, clip.load()).config.digest == single_tables.LIT
 
 
 def test_the_numbers_of_the_readme_are_what_the_rows_give():
