@@ -26,16 +26,17 @@ class SocketRobot:
         self.held: float | None = None  # the height (m) of the grasp: the tool lets go so far above a surface
 
     def pick(self, pose: Pose2, heightmap: HeightMap) -> bool:
-        """Grasp what lies at a pose. Returns whether something is held."""
-        self.outcome = self._act(("open", "above", "down", "close", "above"), pose, heightmap, -DEPTH, Outcome.HELD)
-        self.held = self.height if self.outcome is Outcome.HELD else None
+        """Grasp what lies at a pose, unless something is held already. Returns whether something is held."""
+        if self.held is None:
+            self.outcome = self._act(("open", "above", "down", "close", "above"), pose, heightmap, -DEPTH, Outcome.HELD)
+            self.held = self.height if self.outcome is Outcome.HELD else None
         return self.held is not None
 
     def place(self, pose: Pose2, heightmap: HeightMap) -> None:
         """Put the held thing on what lies at a pose."""
         if self.held is not None:
             self.outcome = self._act(("above", "down", "open", "above"), pose, heightmap, self.held, Outcome.PLACED)
-            self.held = None
+            self.held = self.held if self.outcome is Outcome.OUT_OF_REACH else None
 
     def stop(self) -> bool:
         """Stop, from any thread. Nothing more is sent until ``stopped.clear()``. Returns whether the robot confirms."""

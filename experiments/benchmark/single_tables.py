@@ -9,9 +9,9 @@ import numpy as np
 import summaries
 from summaries import COMPARED, Score, scores
 
-from experiments.benchmark.tables import MARK, Row, cell, interval_text, lines_of
+from experiments.benchmark.tables import MARK, MIXED, Row, cell, interval_text, lines_of
 from gem_lite.evaluation import results
-from gem_lite.evaluation.statistics import Difference, mean_and_interval, paired_difference
+from gem_lite.evaluation.statistics import Difference
 from gem_lite.tasks import PAPER, family
 
 OVERVIEW = {
@@ -133,8 +133,10 @@ def lead(first: Score | None, second: Score | None) -> str:
 
 
 def signed(difference: Difference, measured: Sequence[Score]) -> str:
-    """A difference in a cell, with the mark if a score of which it is made is outdated."""
+    """A difference in a cell, with `MARK` if one of its scores is outdated, and `MIXED` if their rules differ."""
     mark = MARK if any(score.outdated for score in measured) else ""
+    if len(frozenset().union(*(score.rules for score in measured))) > 1:
+        mark += MIXED
     return interval_text(difference.mean, difference.interval, "+") + mark
 
 
@@ -171,19 +173,18 @@ def _played(row: Row) -> tuple:
 def heights(rows: Rows) -> str:
     """Shipped policies measured again: by family of tasks, the benchmark's rows of the same weights beside ``rows``."""
     benchmark = {_played(row): row for row in results.stored_rows()}
-    rewards: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
+    pairs: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
     for row in (row for row in rows if (row["subset"], row["world"]) == ("all", "home")):
         if earlier_row := benchmark.get(_played(row)):
-            earlier, now = rewards.setdefault((row["method"], family(row["task"])), ([], []))
-            earlier += earlier_row["rewards"].values()
-            now += row["rewards"].values()
+            pairs.setdefault((row["method"], family(row["task"])), []).append((earlier_row, row))
     lines = []
-    for (method, name), (earlier, now) in sorted(rewards.items()):
-        difference = paired_difference(now, earlier)
-        means = [interval_text(*mean_and_interval(side)) for side in (earlier, now)]
-        changed = sum(np.not_equal(earlier, now))
+    for (method, name), of_family in sorted(pairs.items(), key=lambda item: item[0]):
+        earlier, now = ({row["task"]: summaries.pool([row]) for row in side} for side in zip(*of_family, strict=True))
+        difference = summaries.mean_difference(now, earlier)
+        means = [interval_text(*summaries.mean_over_tasks(side)) for side in (earlier, now)]
+        changed = sum(int(np.not_equal(now[task].rewards, earlier[task].rewards).sum()) for task in now)
         cells = [*means, interval_text(difference.mean, difference.interval, "+"), str(changed)]
-        lines.append([OVERVIEW[method], name, str(len(now)), *cells])
+        lines.append([OVERVIEW[method], name, str(sum(score.rewards.size for score in now.values())), *cells])
     return lines_of(["policy", "family", "episodes", "earlier", "now", "now minus earlier", "other rewards"], lines)
 
 
@@ -206,7 +207,9 @@ def sources(rows: Rows) -> str:
 
 def search(rows: Rows) -> str:
     """Every trial of the search, on validation episodes: the bowls / the pyramid."""
-    trials = [row for row in rows if row["split"] == "val" and row["subset"] == "all" and row["task"] in MOVED[:2]]
+    facts = {"split": "val", "subset": "all"}
+    trials = [row for row in rows if facts.items() <= row.items() and row["task"] in MOVED[:2]]
+    trials = [row for row in trials if row["method"] in COMPARED]
     lines = []
     for steps, rate in sorted({(row["steps"], row["learning_rate"]) for row in trials}):
         cells = []

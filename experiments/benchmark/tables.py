@@ -17,6 +17,10 @@ MARK = "†"
 """Behind a number of rows that are outdated (`results.is_outdated`)."""
 NOTE = f"{MARK} Measured by an earlier version of this library: other rules of acting, or other heights."
 """Below a table with a `MARK`."""
+MIXED = "‡"
+"""Behind a difference of scores that were measured under different versions of the rules of acting."""
+MIXED_NOTE = f"{MIXED} Its scores were measured under different rules of acting: the difference holds that change, too."
+"""Below a table with a `MIXED`."""
 Table = dict[str, dict[str, Row]]
 """The rows by column and task. A column is a method with its number of demonstrations and its training seed."""
 
@@ -71,10 +75,11 @@ def markdown(table: Table, tasks: Sequence[str], averaged: Sequence[str] | None 
 
 
 def lines_of(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A Markdown table from the texts of its cells, with the `NOTE` below it if a cell has the `MARK`."""
+    """A Markdown table from the texts of its cells, with the notes below it for the marks that a cell has."""
     rows = [head, ["---"] * len(head), *lines]
     text = "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
-    return f"{text}\n{NOTE}\n" if MARK in text else text
+    notes = [note for mark, note in ((MARK, NOTE), (MIXED, MIXED_NOTE)) if mark in text]
+    return text + "".join(f"\n{note}\n" for note in notes)
 
 
 def cell(row: Row) -> str:

@@ -25,6 +25,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=200, help="number of scenes (default: %(default)s)")
     count = parser.parse_args().scenes
+    if count < 1:
+        parser.error(f"--scenes must be at least 1, got {count}")
     policy = load_policy(clip.DATA / "gem-multi.safetensors", clip.load())
     unseen, picks, places = [], 0, 0
     with World() as world:

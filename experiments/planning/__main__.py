@@ -17,7 +17,7 @@ def play(
         scenes: number of scenes, the five kinds in turn
         methods: who says the sentences: planner, "without planner", "true names", "true kinds", "true names and
             kinds" (without it: all)
-        tuning: other scenes, on which the planner was tuned; with --out
+        tuning: other scenes, on which the planner was tuned
 
     Examples:
       python -m experiments.planning play

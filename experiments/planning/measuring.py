@@ -36,8 +36,10 @@ def measure(scenes: int, methods: Sequence[str], tuning: bool, path: Path) -> No
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
         raise ValueError(f"methods must be of {', '.join(METHODS)}, got {unknown[0]!r}")
-    done = {(row["method"], row["scene"]) for row in read(path)}
-    waiting = [(method, scene) for scene in range(scenes) for method in methods if (method, scene) not in done]
+    first = TUNING if tuning else FILED
+    done = {(row["method"], row.get("seed", FILED + row["scene"])) for row in read(path)}  # Filed rows name no seed.
+    asked = [(method, scene) for scene in range(scenes) for method in methods]
+    waiting = [(method, scene) for method, scene in asked if (method, first + scene) not in done]
     if not waiting:
         return
     policy = load_policy(clip.DATA / "gem-multi.safetensors", clip.load())
@@ -46,9 +48,9 @@ def measure(scenes: int, methods: Sequence[str], tuning: bool, path: Path) -> No
     with World() as world, path.open("a") as file:
         for method, scene in tqdm(waiting, unit="scene"):
             task = Sorting(KINDS[scene % len(KINDS)])
-            seed = (TUNING if tuning else FILED) + scene
-            outcome = play(world, task, seed, policy, sayers[method])
-            file.write(json.dumps({"method": method, "scene": scene, "kind": task.kind, **asdict(outcome)}) + "\n")
+            outcome = play(world, task, first + scene, policy, sayers[method])
+            facts = {"method": method, "scene": scene, "seed": first + scene, "kind": task.kind}
+            file.write(json.dumps(facts | asdict(outcome)) + "\n")
             file.flush()
 
 

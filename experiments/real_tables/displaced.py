@@ -62,8 +62,11 @@ def in_world(cells: tuple[float, float], workspace: Workspace) -> tuple[float, f
 def displaced_expert(x: float, y: float) -> Actor:
     """The expert, whose picks and places lie ``x`` and ``y`` (m) beside the true ones."""
 
-    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> PickPlace:
-        action = environment.task.expert(environment).action
+    def actor(environment: Environment, _: Observations, __: Sequence[Pose2] = ()) -> PickPlace | None:
+        expert = environment.task.expert(environment)
+        if expert is None:
+            return None
+        action = expert.action
         return replace(action, pick=Pose2(x, y) @ action.pick, place=Pose2(x, y) @ action.place)
 
     return actor

@@ -92,15 +92,16 @@ def main() -> None:
     quick = parser.parse_args().quick
     print(f"{torch.get_num_threads()} threads, {CHANNELS} channels; ratios are rotate first / ours")
     for shape, size in CASES[: 2 if quick else None]:
-        # 72 kernels of 65 pixels take seconds by conv2d: once is enough there.
+        # 72 kernels of 65 pixels take seconds by conv2d: two runs are enough there.
         long = size > 33
+        runs = 2 if long else 5
         for count in (72,) if quick or long else ANGLES:
-            slow = [seconds(step, 1 if long else 3)[0] for step in work(shape, size, count, None)]
+            slow = [seconds(step, runs)[0] for step in work(shape, size, count, None)]
             space = megabytes(shape, size, count, None)
             print(f"\n{shape[0]} x {shape[1]}, h = {size}, {count} angles; forward, with gradients, memory")
             print(f"  rotate first  {slow[0] * 1e3:8.1f} ms {slow[1] * 1e3:8.1f} ms {space:5.0f} MB")
             for frequency in FREQUENCIES:
-                fast = [seconds(step, 7)[0] for step in work(shape, size, count, frequency)]
+                fast = [seconds(step, runs)[0] for step in work(shape, size, count, frequency)]
                 used = megabytes(shape, size, count, frequency)
                 print(
                     f"  ours, K = {frequency:2d}  {fast[0] * 1e3:8.1f} ms {fast[1] * 1e3:8.1f} ms {used:5.0f} MB;"
