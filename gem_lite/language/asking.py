@@ -60,18 +60,19 @@ class AskingParser:
         if None in phrases or phrases[0] == phrases[1]:
             raise ValueError(f"{instruction!r} names no pick and place that I can find in it; {EXAMPLE}")
         pick, place = (str(phrase) for phrase in phrases)
-        return self._with_relation(Sentence.read(instruction), pick, place)
+        return _with_relation(Sentence.read(instruction), pick, place)
 
-    def _with_relation(self, sentence: Sentence, pick: str, place: str) -> Queries:
-        """The queries, with the relation that the words before the place say. Raises ValueError if it is not clear."""
-        places = _spans_of(place.split(), sentence)
-        try:
-            said = {place_phrase(sentence, span) for span in places}
-        except ValueError as error:  # "between" and one thing
-            raise ValueError(f"{sentence.text!r} is not clear to me: {error}; {EXAMPLE}") from error
-        if len(said) > 1:
-            raise ValueError(f"{sentence.text!r} names more than one place: {', '.join(sorted(said))}; {EXAMPLE}")
-        return Queries(pick, said.pop(), asks_for_push(sentence, [*places, *_spans_of(pick.split(), sentence)]))
+
+def _with_relation(sentence: Sentence, pick: str, place: str) -> Queries:
+    """The queries, with the relation that the words before the place say. Raises ValueError if it is not clear."""
+    places = _spans_of(place.split(), sentence)
+    try:
+        said = {place_phrase(sentence, span) for span in places}
+    except ValueError as error:  # "between" and one thing
+        raise ValueError(f"{sentence.text!r} is not clear to me: {error}; {EXAMPLE}") from error
+    if len(said) > 1:
+        raise ValueError(f"{sentence.text!r} names more than one place: {', '.join(sorted(said))}; {EXAMPLE}")
+    return Queries(pick, said.pop(), asks_for_push(sentence, [*places, *_spans_of(pick.split(), sentence)]))
 
 
 def pick_and_place(answer: str) -> tuple[object, object]:

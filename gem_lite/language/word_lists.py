@@ -6,8 +6,9 @@ from gem_lite.foundations import colors
 
 ALIGNING = "align"
 PUSHING = "push"
-PUSHES = (PUSHING, "pushing")
 """The verb of a sentence that asks for a push and not for a pick and place."""
+PUSHES = (PUSHING, "pushing")
+"""The words that ask for a push in a sentence that a language model reads."""
 VERBS = (
     "pick", "put", "place", "pack", "move", "grasp", "grab", "take", "set", "drop", "stack", PUSHING, "lay", "lift",
     "bring", "transfer", "insert", ALIGNING,
